@@ -7,7 +7,15 @@ from typing import Annotated
 
 import typer
 
-from capture.base.console import complain, new_table, out, print_json, print_table, reported
+from capture.base.console import (
+    complain,
+    new_table,
+    out,
+    print_json,
+    print_table,
+    progress,
+    reported,
+)
 from capture.base.utc_time import readable_utc
 from capture.commands import options
 from classify.base.errors import InputError
@@ -76,13 +84,14 @@ def teach(
     if relabel and not (sets and (bad or label)):
         raise InputError("--relabel: give sets, and their texture with --label or --as")
     with recipe_on_the_terminal(folder, recipe, by) as changes:
-        teaching = changes.teach(
+        teach_sets = changes.teaching(
             find_sets(sets) if sets else [],
             bad,
             label,
             is_relabelling=relabel,
             removed=remove or [],
         )
+        teaching = teach_sets(progress)
     files = changes.files
     made = teaching.recipe
     if json:

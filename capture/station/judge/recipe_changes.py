@@ -1,12 +1,12 @@
 """`RecipeChanges`: changes of a recipe, each recorded."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
-from capture.base.console import ShowProgress, progress
+from capture.base.console import ShowProgress
 from capture.station.domain.errors import error_text
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe import Recipe
@@ -28,6 +28,8 @@ from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching
 from capture.station.results.audit import ChangeLog, changing_on_the_terminal
 from capture.station.results.database import ResultsUnavailable
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,7 @@ class RecipeChanges:
 
         return roll_back(self.files, sha256, record)
 
-    def teach(
+    def teaching(
         self,
         paths: Sequence[Path],
         bad_texture: str | None,
@@ -103,13 +105,13 @@ class RecipeChanges:
         *,
         is_relabelling: bool = False,
         removed: Sequence[str] = (),
-        show: ShowProgress = progress,
-    ) -> Teaching:
-        """Teach sets; see `teach`."""
+    ) -> Callable[[ShowProgress], Teaching]:
+        """Record that a teaching begins; return the function that does it, see `teach`."""
         title = teaching_title(len(paths), bad_texture, good_texture)
         listed = f": {', '.join(path.name for path in paths)}" if paths else ""
         listed += f"; without {', '.join(removed)}" if removed else ""
-        with self._from_begin_to_end(title, f"{title[0].lower()}{title[1:]}{listed}"):
+
+        def work(show: ShowProgress) -> Teaching:
             return teach(
                 self.files,
                 paths,
@@ -120,39 +122,55 @@ class RecipeChanges:
                 show=show,
             )
 
-    def replay(self, show: ShowProgress = progress) -> Replay:
-        """Replay the challenge set."""
-        title = replay_title(self.files)
-        with self._from_begin_to_end(title, title) as outcome:
-            replay = run_challenge(self.files, Inspector.load(self.files, self.calibration), show)
-            parts, missed = len(replay.parts), len(replay.regressions)
-            outcome.append(f"challenge: {parts - missed} of {parts} parts got their verdict")
-        return replay
+        return self._begun(title, f"{title[0].lower()}{title[1:]}{listed}", work)
 
-    @contextmanager
-    def _from_begin_to_end(self, title: str, begun: str) -> Iterator[list[str]]:
-        """Record the begin of a change, and its end with the outcome or with the new recipe."""
-        known, outcome = self._recipe(), list[str]()
+    def replaying(self) -> Callable[[ShowProgress], Replay]:
+        """Record that a replay of the challenge set begins; return the function that does it."""
+
+        def work(show: ShowProgress) -> Replay:
+            return run_challenge(self.files, Inspector.load(self.files, self.calibration), show)
+
+        def outcome(replay: Replay) -> str:
+            parts, missed = len(replay.parts), len(replay.regressions)
+            return f"challenge: {parts - missed} of {parts} parts got their verdict"
+
+        title = replay_title(self.files)
+        return self._begun(title, title, work, outcome)
+
+    def _begun(
+        self,
+        title: str,
+        begun: str,
+        work: Callable[[ShowProgress], T],
+        outcome_of: Callable[[T], str] = lambda _: "",
+    ) -> Callable[[ShowProgress], T]:
+        """Record the begin of `work`; what is returned records its outcome or the new recipe."""
+        known = self._recipe()
         before = None if known is None else with_approval(known)
         self._record("", before, begun)
-        try:
-            yield outcome
-        except BaseException as error:
-            outcome[:] = [f"{title}: {error_text(error)}"]
-            raise
-        finally:
-            now = self._recipe()
+
+        def recorded(show: ShowProgress) -> T:
+            outcome = ""
             try:
-                after = None if now is None else with_approval(now)
-                if outcome:
-                    after = outcome[0]
-                self._record("", before, after)
-                if known is not None and now is not None:
-                    self._record_settings(known, now)
-            except ResultsUnavailable as error:  # its message says that nothing was changed
-                raise ResultsUnavailable(
-                    f"{title}: ended, but the log of changes lacks its end: {error.__cause__}"
-                ) from error
+                done = work(show)
+                outcome = outcome_of(done)
+                return done
+            except BaseException as error:
+                outcome = f"{title}: {error_text(error)}"
+                raise
+            finally:
+                now = self._recipe()
+                try:
+                    after = None if now is None else with_approval(now)
+                    self._record("", before, outcome or after)
+                    if known is not None and now is not None:
+                        self._record_settings(known, now)
+                except ResultsUnavailable as error:  # its message says that nothing was changed
+                    raise ResultsUnavailable(
+                        f"{title}: ended, but the log of changes lacks its end: {error.__cause__}"
+                    ) from error
+
+        return recorded
 
     def _recipe(self) -> Recipe | None:
         return read_recipe(self.files.file) if self.files.file.exists() else None

@@ -63,15 +63,23 @@ class BackgroundJobs:
         with self._lock:
             return self._job
 
-    def start(self, job: Job, work: Work) -> Job:
-        """Start a job; Conflict if one is running, or the panel ends."""
+    def start(self, job: Job, begin: Callable[[], Work]) -> Job:
+        """Start what `begin` returns; Conflict if a job is running, or the panel ends.
+
+        If `begin` raises, there was no job.
+        """
         with self._lock:
             if self._is_closed:
                 raise Conflict("the panel ends")
             if self._job is not None and self._job.status == "running":
                 raise Conflict(f"{self._job.title}: is running; wait for its end, or end it")
-            self._job, self._ending = job, ""
-            self._thread.submit(self._run, work)
+            before, self._job, self._ending = self._job, job, ""
+        try:
+            self._thread.submit(self._run, begin())
+        except BaseException:
+            with self._lock:
+                self._job = before
+            raise
         return job
 
     def cancel(self, by: str) -> None:

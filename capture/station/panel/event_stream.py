@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Annotated
 
-from fastapi import APIRouter, Header, Query
+from fastapi import APIRouter, Depends, Header, Query
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
@@ -23,9 +23,8 @@ KEEP_ALIVE_S = 15.0
 _RETRY_MS = 1000
 router = APIRouter(prefix=V1)
 _MEDIA_TYPE = "text/event-stream"
-# The server takes 256 connections: some stay free for other requests, and some streams for other
-# accounts and clients than one.
-MOST_STREAMS, MOST_OF_ONE = 128, 32
+# Some streams stay free for other accounts and clients than one.
+MOST_OF_ONE = 32
 
 
 @contextmanager
@@ -56,9 +55,16 @@ def subscribed(
             own_streams.remove(subscription)
 
 
+async def _place(call: ByOperator) -> AsyncIterator[None]:
+    """Hold a place among the event streams until the answer ends."""
+    with call.panel.event_streams.taken():
+        yield
+
+
 @router.get("/events", **media(_MEDIA_TYPE))
 async def _events(
     call: ByOperator,
+    _: Annotated[None, Depends(_place)],
     after: Annotated[
         str, Query(description="id of the last event that the client has, like Last-Event-ID")
     ] = "",
@@ -66,8 +72,6 @@ async def _events(
 ) -> Response:
     """Everything that happens, as server-sent events; first the state, or what was missed."""
     last, live = after if last_event_id is None else last_event_id, call.panel.live
-    if live.snapshot().subscribers >= MOST_STREAMS:
-        raise Denied(503, f"{MOST_STREAMS} event streams are open", {"Retry-After": "5"})
 
     async def may_go_on() -> bool:
         """Whether the user still exists, and the session goes on."""

@@ -21,6 +21,8 @@ from .triggering import KeyedTriggers
 # Exports and statistics: of a million parts each takes seconds, in one of the 40 threads that
 # serve requests.
 MOST_RECKONING = 3
+# The server takes 256 connections: some stay free for other requests.
+MOST_STREAMS = 128
 
 
 class Panel:
@@ -41,5 +43,6 @@ class Panel:
         # The event streams of each account and client, the oldest first.
         self.streams: defaultdict[tuple[str, str], list[Subscription]] = defaultdict(list)
         self.reckoning = Slots(MOST_RECKONING, "exports or statistics")
+        self.event_streams = Slots(MOST_STREAMS, "event streams are open")
         # Held by an override or acknowledgement, so that a second click finds the first done.
         self.changing = threading.Lock()

@@ -1,12 +1,12 @@
 """Changes of a recipe with parts of the history: teaching, and the challenge set."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from capture.base.console import ShowProgress
 from capture.station.domain.errors import Conflict, NotThere
 from capture.station.domain.verdict import Decision
+from capture.station.judge.challenge import Replay
 from capture.station.judge.challenge_set import Expected
 from capture.station.judge.recipe_changes import RecipeChanges, replay_title, teaching_title
 from capture.station.panel.background_jobs import Job, Work
@@ -31,24 +31,29 @@ def start_teaching(
         raise Conflict(f"recipe {changes.files.name}: no parts are known; give some")
     bad, good = (None, texture or None) if is_good else (texture, None)
 
-    def work(show: ShowProgress) -> dict[str, Any]:
-        return changes.teach(paths, bad, good, show=show).fields()
+    def begin() -> Work:
+        teaching = changes.teaching(paths, bad, good)
+        return lambda show: teaching(show).fields()
 
-    return _start(panel, changes, "teach", teaching_title(len(paths), bad, good), work)
+    return _start(panel, changes, "teach", teaching_title(len(paths), bad, good), begin)
 
 
 def start_replay(panel: Panel, changes: RecipeChanges) -> Job:
     """Start a replay of the challenge set; Conflict if a job is running."""
 
-    def work(show: ShowProgress) -> dict[str, Any]:
-        replay = changes.replay(show)
-        return {
-            "parts": len(replay.parts),
-            "regressions": [str(part) for part in replay.regressions],
-            "recipe_sha256": replay.fingerprint.recipe_sha256,
-        }
+    def begin() -> Work:
+        replaying = changes.replaying()
+        return lambda show: _fields(replaying(show))
 
-    return _start(panel, changes, "challenge", replay_title(changes.files), work)
+    return _start(panel, changes, "challenge", replay_title(changes.files), begin)
+
+
+def _fields(replay: Replay) -> dict[str, Any]:
+    return {
+        "parts": len(replay.parts),
+        "regressions": [str(part) for part in replay.regressions],
+        "recipe_sha256": replay.fingerprint.recipe_sha256,
+    }
 
 
 def add_parts_to_challenge(
@@ -61,8 +66,10 @@ def add_parts_to_challenge(
     changes.add_to_challenge(paths, expected)
 
 
-def _start(panel: Panel, changes: RecipeChanges, kind: str, title: str, work: Work) -> Job:
-    return panel.jobs.start(Job(kind, changes.files.name, title, changes.who.name), work)
+def _start(
+    panel: Panel, changes: RecipeChanges, kind: str, title: str, begin: Callable[[], Work]
+) -> Job:
+    return panel.jobs.start(Job(kind, changes.files.name, title, changes.who.name), begin)
 
 
 def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:

@@ -21,7 +21,7 @@ class Run:
         self.jobs = jobs
 
     def start(self, work: Callable[..., dict[str, Any]], *arguments: Any) -> Job:
-        return self.jobs.start(Job(**ABOUT), lambda show: work(show, *arguments))
+        return self.jobs.start(Job(**ABOUT), lambda: lambda show: work(show, *arguments))
 
     def end(self) -> Job:
         ends_s = time.monotonic() + WAIT_S

@@ -13,10 +13,9 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.panel import event_stream
 from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.picture_maker import PartPictures
-from capture.station.panel.security import Denied
+from capture.station.panel.security import Denied, Slots
 from capture.station.results.part_result import PartResult
 from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
@@ -317,7 +316,7 @@ def test_a_refused_stream_is_asked_for_again_without_leaving_the_page(
 ) -> None:
     """A proxy answers while the station restarts; its error page, once shown, never retries."""
     panel.until_ready()
-    monkeypatch.setattr(event_stream, "MOST_STREAMS", 0)
+    monkeypatch.setattr(panel.panel, "event_streams", Slots(0, "event streams are open"))
     page = browser.page(panel.url)
     page.until("!lost.hidden")
     page.value("window.isTheSame = true; 1")

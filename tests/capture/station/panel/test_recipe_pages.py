@@ -208,22 +208,27 @@ def test_a_part_of_the_history_comes_into_the_challenge_set_and_out_again(
 
 
 def test_a_job_beside_another_is_refused_and_has_no_row(line: RunningPanel) -> None:
-    line.panel.jobs.start(Job("teach", "example", "Teach 3 parts", "Ada"), wait)
+    line.panel.jobs.start(Job("teach", "example", "Teach 3 parts", "Ada"), lambda: wait)
     refused = line.client(Role.ENGINEER).post(f"{API}/challenge")
     assert (refused.status, "Teach 3 parts: is running" in refused.text) == (409, True)
     assert changes(line) == []
 
 
-def test_a_job_whose_begin_cannot_be_recorded_fails_and_changes_nothing(
+def test_a_job_whose_begin_cannot_be_recorded_is_refused(
     line: RunningPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def record(*_: Any) -> None:
         raise ResultsUnavailable("locked")
 
     monkeypatch.setattr(line.panel.changes, "record", record)
-    job = line.client(Role.ENGINEER).job(f"{API}/challenge")
-    assert (job["status"], job["error"]) == ("failed", "locked")
+    client = line.client(Role.ENGINEER)
+    for call, fields in (("challenge", None), ("teach", {})):
+        refused = client.post(f"{API}/{call}", fields)
+        assert (refused.status, refused.json) == (503, {"error": "locked"})
+    assert client.get("/api/v1/job").status == 404
     assert not line.panel.folder.recipe_files().replay.exists()
+    monkeypatch.undo()
+    assert client.job(f"{API}/challenge")["status"] == "done"
 
 
 def test_the_report_of_teaching_is_served_without_scripts(line: RunningPanel) -> None:

@@ -21,7 +21,7 @@ from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
 from capture.station.domain.users import Users
 from capture.station.panel import event_stream, listening, security, server
-from capture.station.panel.security import MAX_BODY_BYTES, BodyLimit, HostRule
+from capture.station.panel.security import MAX_BODY_BYTES, BodyLimit, HostRule, Slots
 from capture.station.panel.server import MAX_CONNECTIONS, MOST_OF_AN_ADDRESS
 from capture.station.panel.sessions import (
     FAILURES_OF_A_NAME,
@@ -370,6 +370,26 @@ def test_the_connections_of_one_address_leave_room_for_others(panel: RunningPane
     finally:
         for each in idle:
             each.close()
+
+
+def test_streams_that_are_asked_for_at_once_have_one_limit(
+    with_users: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(with_users.panel, "event_streams", Slots(2, "event streams are open"))
+    token = with_users.client(Role.OPERATOR).headers["Authorization"]
+    head = ("GET /api/v1/events HTTP/1.1", f"Host: {with_users.local.host}",
+            f"Authorization: {token}", "", "")  # fmt: skip
+    for _ in range(2):  # the places are free again when the clients are gone
+        with ExitStack() as connections:
+            raws = [connections.enter_context(connected(with_users)) for _ in range(8)]
+            for raw in raws:
+                raw.sendall("\r\n".join(head).encode())
+            answers = [raw.recv(len(b"HTTP/1.1 200")) for raw in raws]
+        assert sorted(answers) == [b"HTTP/1.1 200"] * 2 + [b"HTTP/1.1 503"] * 6
+        ends_s = time.monotonic() + LONG_S
+        while with_users.live.snapshot().subscribers:
+            assert time.monotonic() < ends_s
+            time.sleep(0.01)
 
 
 def test_the_oldest_stream_of_one_client_ends(
