@@ -31,11 +31,11 @@ from classify.calibration.dark import measured_at
 from .setting import PART_NAMES, PartName, Setting
 
 SUFFIX = ".ps4cal"
-VERSION: Final = 3
+_VERSION: Final = 3
 _KIND = ArchiveKind(
     noun="calibration",
     header="calibration.json",
-    version=VERSION,
+    version=_VERSION,
     if_missing="make one with ps4rig calibrate",
     remedy="calibrate again",
     error=CalibrationError,
@@ -113,7 +113,7 @@ class _PartHeader(Record):
 
 class _Header(Record):
     format: Literal["ps4cal"] = "ps4cal"
-    version: Literal[3] = VERSION
+    version: Literal[3] = _VERSION
     parts: dict[PartName, _PartHeader]
     sha256: str = ""
 

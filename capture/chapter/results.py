@@ -127,7 +127,7 @@ _SHADOW_PX = 512
 _POLAR_SOLVERS: tuple[Method, ...] = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4", "ps4_robust")
 TRUTH = "truth"
 
-Polar = dict[str, list[float]]
+_Polar = dict[str, list[float]]
 """1D polar spectra of the gradient field M at 90 angles, by solver or `TRUTH`."""
 
 
@@ -154,7 +154,7 @@ class _SandMaps:
     shadows: dict[str, npt.NDArray[np.uint8]]  # number of lights in shadow
 
 
-def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
+def polar_spectra(rotate_deg: float, size_px: int) -> _Polar:
     """1D polar spectra of M of a patch of sand, at 90 angles over 180 degrees."""
     scene, surfaces = _solved_sand(rotate_deg, size_px, _POLAR_SOLVERS)
     fields = {solver: texture_fields(surface) for solver, surface in surfaces.items()}
@@ -247,6 +247,6 @@ class Results:
     plan: Plan
     trials: Trials
     shadow_shares: dict[tuple[str, float], tuple[float, ...]]
-    polar: dict[float, Polar]  # of sand, by orientation in degrees
+    polar: dict[float, _Polar]  # of sand, by orientation in degrees
     maps: _SandMaps
     costs: list[_Cost]

@@ -39,7 +39,7 @@ def reproduce(
     """
     make_folder(output)
     started_s = time.monotonic()
-    results = measure(plan, output, workers, scheduler)
+    results = _measure(plan, output, workers, scheduler)
     exhibits = list(_exhibits(results))
     facts = {
         "textures": f"{len(plan.thirty.textures)}",
@@ -54,7 +54,7 @@ def reproduce(
     return write_page(exhibits, facts, info, output)
 
 
-def measure(
+def _measure(
     plan: Plan, output: Path, workers: int | None = None, scheduler: str | None = None
 ) -> Results:
     """Measure all numbers of a plan. The libraries are in a temporary folder in `output`."""

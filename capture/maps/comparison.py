@@ -28,7 +28,7 @@ _OF_THE_RIG = ("rig_name", "camera", "light_directions", "led_levels_percent")
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class _Side:
     """One of two sets or folders."""
 
     path: Path
@@ -41,7 +41,7 @@ class Side:
     orientation_deg: float | None
 
 
-def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> Side:
+def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> _Side:
     """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``."""
     if path.is_dir():
         return _folder(path)
@@ -52,7 +52,7 @@ def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -
         return _set(path, loaded)
 
 
-def _set(path: Path, loaded: LoadedSet) -> Side:
+def _set(path: Path, loaded: LoadedSet) -> _Side:
     captured = loaded.captured
     surface = loaded.solve(uncertainty=True)
     solved = SurfaceMaps(surface, mm_per_px=loaded.mm_per_px)
@@ -75,7 +75,7 @@ def _set(path: Path, loaded: LoadedSet) -> Side:
         }
     texture = loaded.solve_texture(None, planar=True)
     metadata = captured.metadata
-    return Side(
+    return _Side(
         path,
         surface,
         texture,
@@ -116,7 +116,7 @@ def _facts_of_set(captured: CapturedSet) -> dict[str, dict[str, Any]]:
     }
 
 
-def _folder(folder: Path) -> Side:
+def _folder(folder: Path) -> _Side:
     if not (folder / "p.tif").is_file():
         raise InputError(f"{folder}: holds no maps; ps4rig solve SET --out {folder} writes them")
     description = read_description(folder / "p.tif")
@@ -159,7 +159,7 @@ def _folder(folder: Path) -> Side:
         "software": {"version": description.get("software_version")},
     }  # fmt: skip
     simulated = bool(description.get("simulated"))
-    return Side(folder, surface, surface, maps, deviations, facts, simulated, None)
+    return _Side(folder, surface, surface, maps, deviations, facts, simulated, None)
 
 
 def _compared() -> dict[str, MapKind]:
@@ -260,8 +260,8 @@ _ALIGNED = 0.7
 class Comparison:
     """Two sides and their differences."""
 
-    first: Side
-    second: Side
+    first: _Side
+    second: _Side
     texture: TexturePair | None  # None where a side is too small, or has no valid pixel
     angle_deg: float | None  # from the first texture to the second, anticlockwise, [-90, 90)
     maps: Mapping[str, _MapDifference]  # those of equal size and unit
@@ -292,7 +292,7 @@ class Comparison:
         }
 
 
-def compare(first: Side, second: Side) -> Comparison:
+def compare(first: _Side, second: _Side) -> Comparison:
     try:
         texture = compare_textures(first.texture, second.texture)
     except InputError:

@@ -52,7 +52,7 @@ def _words(command: str) -> list[str]:
     return list(split)
 
 
-Exposure = Annotated[float | None, Field(gt=0.0, le=10_000.0)] | Literal["search"]
+_Exposure = Annotated[float | None, Field(gt=0.0, le=10_000.0)] | Literal["search"]
 
 
 class Specimen(Section):
@@ -103,7 +103,7 @@ class SessionPlan(Section):
     average: int = Field(
         default=1, ge=1, le=MAX_AVERAGE, description="frames that each image averages"
     )
-    exposure_ms: Annotated[Exposure, BeforeValidator(_checked_exposure)] = Field(
+    exposure_ms: Annotated[_Exposure, BeforeValidator(_checked_exposure)] = Field(
         default=None,
         description='that of the rig by default; "search" finds one for each specimen',
     )

@@ -122,7 +122,7 @@ def places_of(directions: npt.NDArray[np.float64]) -> Places | None:
     return Places(tuple(lights), part, round(size, 4))
 
 
-Measure = Callable[[Sequence[Frame]], str | None]
+_Measure = Callable[[Sequence[Frame]], str | None]
 # Pause before the rig is opened again: time to plug in a cable.
 _RETRY_S = 2.0
 # Pause after each image, for the server and the browser.
@@ -225,7 +225,7 @@ class Preview:
 
 
 def show_lights(
-    rig: Rig, preview: Preview, stopping: threading.Event, measure: Measure | None = None
+    rig: Rig, preview: Preview, stopping: threading.Event, measure: _Measure | None = None
 ) -> None:
     """Show each light of an open rig in turn until `stopping` is set.
 
@@ -248,7 +248,7 @@ def run_preview(
     config: RigConfig,
     preview: Preview,
     stopping: threading.Event,
-    measure: Measure | None = None,
+    measure: _Measure | None = None,
 ) -> None:
     """Show each light in turn until `stopping` is set, then switch the LEDs off.
 

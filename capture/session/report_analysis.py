@@ -70,7 +70,7 @@ class SessionAnalysis:
     separation: Separation | None  # None with fewer than two specimens that have a texture
     damaged: dict[str, str]  # errors of the sets that cannot be read or solved, by their files
     remarks: list[tuple[str, str]]  # (file, remark) for a person to look at
-    repeatability: list[Repeatability]  # of placements with repeated sets
+    repeatability: list[_Repeatability]  # of placements with repeated sets
 
 
 def analyse(
@@ -97,7 +97,7 @@ def analyse(
 
 def _repeatability(
     folder: Path, entries: list[SetEntry], damaged: dict[str, str]
-) -> Iterator[Repeatability]:
+) -> Iterator[_Repeatability]:
     for pair in _first_repeats(entries):
         loaded = [_loaded(folder, entry, damaged) for entry in pair]
         surfaces = [each.solve(uncertainty=True) for each in loaded if each is not None]
@@ -245,7 +245,7 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
 
 
 @dataclass(frozen=True)
-class Repeatability:
+class _Repeatability:
     """Deviation of a slope between two repeats of a placement."""
 
     specimen: str
@@ -266,7 +266,7 @@ def _first_repeats(entries: Iterable[SetEntry]) -> list[tuple[SetEntry, SetEntry
 
 def _repeatability_of(
     entry: SetEntry, first: SurfaceEstimate, second: SurfaceEstimate
-) -> Repeatability | None:
+) -> _Repeatability | None:
     """Compare two surfaces with deviations; None without a pixel that is valid in both."""
     valid = first.valid & second.valid
     if first.shape != second.shape or not valid.any():
@@ -279,4 +279,4 @@ def _repeatability_of(
         deviations.append(deviation[valid])
     spread = SIGMA_PER_MAD * float(np.median(np.concatenate(differences))) / np.sqrt(2.0)
     stated = float(np.median(np.concatenate(deviations)))
-    return Repeatability(entry.specimen, entry.orientation_deg, float(spread), stated)
+    return _Repeatability(entry.specimen, entry.orientation_deg, float(spread), stated)

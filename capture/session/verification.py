@@ -24,7 +24,7 @@ from rig.set_file import OtherVersionError
 
 from .folder import SETS, SessionFolder
 
-State = Literal[
+_State = Literal[
     "good",
     "missing",
     "altered",
@@ -48,7 +48,7 @@ class FileFinding:
     """The state of a file; `details` is empty for a good file."""
 
     path: Path
-    state: State
+    state: _State
     details: str = ""
 
 

@@ -29,7 +29,7 @@ from classify.lights.flat_field import FlatField
 
 _MAP_PX = 256  # longer side of the maps of a flat field, which is smooth
 _NOT_KNOWN = "-"
-Drawing = tuple[str, str, str]  # address, title and caption
+_Drawing = tuple[str, str, str]  # address, title and caption
 # What a part is for, and the command that measures it.
 _USES: dict[PartName, tuple[str, str]] = {
     "dark": ("hot pixels, and the offset of sets without an ambient image", "dark"),
@@ -212,7 +212,7 @@ def _tilts_deg(setting: Setting) -> npt.NDArray[np.float64]:
     return np.asarray(np.degrees(np.arctan2(directions[:, 1], directions[:, 0])) % 360.0)
 
 
-def _light_drawings(file: CalibrationFile) -> Iterator[Drawing]:
+def _light_drawings(file: CalibrationFile) -> Iterator[_Drawing]:
     lights, scale = file.calibration.lights, file.calibration.scale
     if lights is None:
         return
@@ -225,7 +225,7 @@ def _light_drawings(file: CalibrationFile) -> Iterator[Drawing]:
     yield svg_uri(side(lights, scale, frame)), "from the side: x to the right, z up", caption
 
 
-def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
+def _camera_drawings(file: CalibrationFile) -> Iterator[_Drawing]:
     calibration = file.calibration
     if calibration.response is not None:
         response = calibration.response
