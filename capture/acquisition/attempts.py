@@ -26,8 +26,8 @@ from capture.sets.metadata import (
     image_noise,
 )
 from capture.sets.ome_tiff import PixelHash
+from classify import Calibration
 from classify.base.errors import InputError, Ps4rigError
-from classify.calibration.calibration import Calibration
 from classify.lights.agreement import like_signed
 from classify.methods import checked_label
 from rig import CameraInfo, HardwareError, Rig

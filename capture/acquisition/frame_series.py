@@ -2,18 +2,16 @@
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.procedures.camera_parts import Rung, levels_of
+from classify import Calibration
+from classify.base.arrays import Array
 from classify.base.errors import ConfigError
-from classify.calibration.calibration import Calibration
 from classify.calibration.dark import DarkFrames, dark_of
-from rig import Frame, Rig
+from rig import CameraError, Frame, Rig
 from rig.cameras.camera import EXPOSURE_LAG_FRAMES, Pixels
-from rig.errors import CameraError
 from rig.fresh_frame import SPARE_S, FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
 from rig.signals import signals_held_back
 
@@ -77,9 +75,7 @@ def frame_series(rig: Rig, light: int | None, count: int) -> Pixels:
 
     switch = switch_to(rig, light)
     settled_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1e3
-    frames: list[npt.NDArray[Any]] = [
-        next_fresh_frame(rig, settled_s, receive).pixels for _ in range(count)
-    ]
+    frames: list[Array] = [next_fresh_frame(rig, settled_s, receive).pixels for _ in range(count)]
     rig.lights.confirm(light)
     return np.stack(frames)
 

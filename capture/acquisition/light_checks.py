@@ -13,8 +13,8 @@ import numpy.typing as npt
 from capture.base.errors import SetRejected
 from capture.sets.image_checks import LightImages
 from capture.sets.metadata import ChecksRecord
+from classify import Calibration
 from classify.base.arrays import Array, Floats
-from classify.calibration.calibration import Calibration
 from classify.lights.agreement import LightAgreement, image_difference
 from classify.lights.order import light_order
 from rig import acceptance

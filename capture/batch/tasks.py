@@ -20,9 +20,8 @@ from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet, calibration_of, named
 from capture.sets.metadata import SetMetadata
-from classify import Lighting, Match, Method, TextureLibrary
+from classify import Calibration, Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError
-from classify.calibration.calibration import Calibration
 from classify.classifiers import Observation
 from classify.images import ImageStack
 from classify.library.training import observe

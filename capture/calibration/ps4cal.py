@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat, JsonValue, TypeAdapter
 
 from capture.base.errors import CalibrationError
-from classify import Lighting
+from classify import Calibration, Lighting
 from classify.base.array_archive import (
     ArchiveKind,
     ArrayArchive,
@@ -25,7 +25,6 @@ from classify.base.array_archive import (
 from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.base.models import Record
-from classify.calibration.calibration import Calibration
 from classify.calibration.dark import measured_at
 
 from .setting import PART_NAMES, PartName, Setting

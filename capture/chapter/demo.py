@@ -29,8 +29,8 @@ from classify import (
     evaluate,
     surface_spectra,
 )
+from classify.base.arrays import FloatMap
 from classify.base.durable_file import durable_file, make_folder
-from classify.surface.estimate import FloatMap
 from rig import (
     ControllerIdentity,
     Placement,

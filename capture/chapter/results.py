@@ -11,8 +11,8 @@ import numpy as np
 import numpy.typing as npt
 
 from classify import Lighting, Method, SurfaceEstimate, TextureLibrary, Trial, integrate_gradients
+from classify.base.arrays import FloatMap
 from classify.library.evaluation import nearest_accuracy
-from classify.surface.estimate import FloatMap
 from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.spectra import field_spectra, segment_for
 from rig.scene.render import SceneImages, render_frame

@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import InputError, Ps4rigError
 from rig import (
     Frame,
@@ -67,7 +68,7 @@ def preview_image(frame: Frame) -> _PreviewImage:
 
 def _png(
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
-    saturated: npt.NDArray[np.bool_],
+    saturated: BoolArray,
     bit_depth: int,
 ) -> bytes:
     grey = (pixels >> (bit_depth - 8)).astype(np.uint8)
@@ -99,7 +100,7 @@ class Places(NamedTuple):
     size: float  # width and height of each image
 
 
-def places_of(directions: npt.NDArray[np.float64]) -> Places | None:
+def places_of(directions: Floats) -> Places | None:
     """Place images as the lights stand, by their (N, 3) directions with y up.
 
     The images are the largest that overlap neither each other nor the part; None if they are

@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, FiniteFloat, StrictBool, StrictInt
 
-from classify import Lighting
+from classify import Lighting, SensorNoise
 from classify.base.models import Record
-from classify.images import ROUNDING_VARIANCE, SensorNoise
+from classify.images import ROUNDING_VARIANCE
 from rig import ControllerIdentity, Placement
 
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]

@@ -18,7 +18,7 @@ from . import flow
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import MeasuredPart
     from capture.sets.photographs import Gamma
-    from classify.calibration.calibration import Calibration
+    from classify import Calibration
     from rig import Rig
 
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
@@ -207,7 +206,7 @@ def _small_frame(setting: Setting) -> tuple[int, int]:
     return max(1, round(scale * setting.height_px)), max(1, round(scale * setting.width_px))
 
 
-def _tilts_deg(setting: Setting) -> npt.NDArray[np.float64]:
+def _tilts_deg(setting: Setting) -> Floats:
     directions = np.array(setting.light_directions)
     return np.asarray(np.degrees(np.arctan2(directions[:, 1], directions[:, 0])) % 360.0)
 
@@ -245,7 +244,7 @@ def _camera_drawings(file: CalibrationFile) -> Iterator[_Drawing]:
             yield svg_uri(hot_pixel_map(dark, frame)), f"dark frames{exposure}", caption
 
 
-def _frame(setting: Setting) -> npt.NDArray[np.float64]:
+def _frame(setting: Setting) -> Floats:
     return np.array([setting.width_px, setting.height_px], np.float64)
 
 
