@@ -30,13 +30,7 @@ _Result = TypeVar("_Result")
 def reproduce(
     plan: Plan, output: Path, workers: int | None = None, scheduler: str | None = None
 ) -> Path:
-    """Measure a plan and write all files into a folder; returns the page.
-
-    Raises
-    ------
-    InputError
-        If the folder cannot be made or written to, or no scheduler answers.
-    """
+    """Measure a plan and write all files into a folder; returns the page."""
     make_folder(output)
     started_s = time.monotonic()
     results = _measure(plan, output, workers, scheduler)

@@ -48,7 +48,6 @@ class Outline:
     width_px: int
     height_px: int
     lines: tuple[FloatMap, ...]  # closed, (n, 2): x, y down in px from the top left pixel
-    is_of_part: bool  # False for the edges of a texture that fills the frame
 
     def rotated(self, angle_deg: float) -> "Outline":
         """Rotate the lines anticlockwise about the middle of the frame."""
@@ -90,8 +89,8 @@ def outline_of(captured: CapturedSet) -> Outline:
     if part is not None:
         contours = _contours(part)
         lines = [max(contours, key=cv2.contourArea)] if contours else []
-        return Outline(columns, rows, _simplified(lines), is_of_part=True)
-    return Outline(columns, rows, _edges(images), is_of_part=False)
+        return Outline(columns, rows, _simplified(lines))
+    return Outline(columns, rows, _edges(images))
 
 
 def _part_in(mean: FloatMap) -> BoolArray | None:
