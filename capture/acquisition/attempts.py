@@ -19,12 +19,7 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
-from capture.sets.metadata import (
-    CameraRecord,
-    LightingRecord,
-    SetMetadata,
-    image_noise,
-)
+from capture.sets.metadata import CameraRecord, LightingRecord, SetMetadata, image_noise
 from capture.sets.ome_tiff import PixelHash
 from classify import Calibration
 from classify.base.errors import InputError, Ps4rigError

@@ -9,12 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    field_validator,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from capture.acquisition.attempts import MAX_AVERAGE
 from capture.base.names import SET_SUFFIX, Label, Name, Text, file_name, usable_label

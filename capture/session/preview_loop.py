@@ -18,13 +18,7 @@ import numpy.typing as npt
 
 from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import InputError, Ps4rigError
-from rig import (
-    Frame,
-    HardwareError,
-    Rig,
-    RigConfig,
-    open_rig,
-)
+from rig import Frame, HardwareError, Rig, RigConfig, open_rig
 from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
