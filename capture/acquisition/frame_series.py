@@ -1,10 +1,11 @@
 """Frames for the calibration of a camera: lens covered, and exposure ladder."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 
 import numpy as np
 
+from capture.base.console import progress
 from capture.procedures.camera_parts import Rung, levels_of
 from classify import Calibration
 from classify.base.arrays import Array
@@ -29,12 +30,6 @@ _DARK_FRAMES = 16
 # Frames at each exposure. Their differences show the noise, with three degrees of freedom.
 _LADDER_FRAMES = 4
 
-_Series = tuple[float, Pixels]
-
-
-def _without_progress(items: Iterator[_Series], _: int) -> Iterable[_Series]:
-    return items
-
 
 def dark_of_rig(rig: Rig) -> DarkFrames:
     """Measure frames of a rig with its lens covered; its LEDs must not change them."""
@@ -43,16 +38,8 @@ def dark_of_rig(rig: Rig) -> DarkFrames:
     return dark_of(frames, (1 << rig.camera.info.bit_depth) - 1, lit)
 
 
-def rungs_of_rig(
-    rig: Rig,
-    calibration: Calibration,
-    shown: Callable[[Iterator[_Series], int], Iterable[_Series]] = _without_progress,
-) -> list[Rung]:
-    """Capture a ladder of exposures of a white sheet, and restore the exposure.
-
-    `shown` draws a progress bar: it gets the frames of all exposures and their number, and yields
-    the frames.
-    """
+def rungs_of_rig(rig: Rig, calibration: Calibration) -> list[Rung]:
+    """Capture a ladder of exposures of a white sheet, with progress; restore the exposure."""
     bit_depth = rig.camera.info.bit_depth
     full_scale = (1 << bit_depth) - 1
     with restored_exposure(rig):
@@ -61,7 +48,7 @@ def rungs_of_rig(
         series = ladder_frames(rig, light, exposures_ms, _LADDER_FRAMES)
         return [
             Rung(exposure_ms, levels_of(frames, full_scale, bit_depth, calibration))
-            for exposure_ms, frames in shown(series, len(exposures_ms))
+            for exposure_ms, frames in progress(series, len(exposures_ms), "exposures")
         ]
 
 

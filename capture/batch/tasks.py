@@ -243,13 +243,13 @@ def solve_set(
 
 
 def _texture_shape(
-    path: Path, metadata: SetMetadata, shape: tuple[int, int], found: FoundCalibration | None
+    path: Path, metadata: SetMetadata, shape: tuple[int, int], source: FoundCalibration | None
 ) -> tuple[int, int]:
     """Rows and columns in which the texture of a set is observed."""
     mask = None if metadata.mask_file is None else CapturedSet.load(path).mask
     if mask is None:
         return shape
-    calibration = Calibration() if found is None else found.file.calibration
+    calibration = Calibration() if source is None else source.file.calibration
     rows, columns = inscribed_square(calibration.corrected_mask(mask))
     return rows.stop - rows.start, columns.stop - columns.start
 

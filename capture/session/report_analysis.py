@@ -95,9 +95,9 @@ def _repeatability(
 ) -> Iterator[_Repeatability]:
     for pair in _first_repeats(entries):
         loaded = [_loaded(folder, entry, damaged) for entry in pair]
-        surfaces = [each.solve(uncertainty=True) for each in loaded if each is not None]
-        if len(surfaces) == len(pair) and (found := _repeatability_of(pair[0], *surfaces)):
-            yield found
+        surfaces = [captured.solve(uncertainty=True) for captured in loaded if captured is not None]
+        if len(surfaces) == len(pair) and (repeatability := _repeatability_of(pair[0], *surfaces)):
+            yield repeatability
 
 
 def _loaded(folder: Path, entry: SetEntry, damaged: dict[str, str]) -> LoadedSet | None:

@@ -279,9 +279,9 @@ class LoadedSet:
         """Scale of the calibration in use, else the one given at import; None if it is unknown."""
         if self.calibration is not None and self.calibration.mm_per_px is not None:
             return self.calibration.mm_per_px
-        ids, found = self.captured.metadata.calibration_ids, self.found_calibration
+        ids, used = self.captured.metadata.calibration_ids, self.found_calibration
         # The recorded scale may be that of the named calibration: it holds with that one only.
-        is_named = found is not None and found.file.hash in ids
+        is_named = used is not None and used.file.hash in ids
         return self.captured.metadata.mm_per_px if is_named or not ids else None
 
     @property
