@@ -29,7 +29,7 @@ from .image_metadata import ImageMetadata, metadata_of_info, metadata_of_pages, 
 if TYPE_CHECKING:
     import tifffile
 
-Image = npt.NDArray[np.uint8 | np.uint16]
+_Image = npt.NDArray[np.uint8 | np.uint16]
 _Decoded = tuple[Array, ImageMetadata]
 _MAX_BYTES = 2**31
 _MAX_SIDE_PX = 32768
@@ -56,7 +56,7 @@ _PNG_TEXTS = (b"EXt", b"TXt")
 _PNG_METADATA = ("eXIf", "XML:com.adobe.xmp", "exif:Orientation", "iCCP", "sRGB", "gAMA", "cICP")
 
 
-def read_image(path: Path) -> Image:
+def read_image(path: Path) -> _Image:
     """Read an image as (H, W) grey or (H, W, 3) RGB, uint8 or uint16; alpha is left out.
 
     Pixel values are those of the file; those of a DNG are linear camera RGB. The image is
@@ -70,7 +70,7 @@ def read_exposure_ms(path: Path) -> float | None:
     return read_image_file(path)[1].exposure_ms
 
 
-def read_image_file(path: Path) -> tuple[Image, ImageMetadata]:
+def read_image_file(path: Path) -> tuple[_Image, ImageMetadata]:
     """Read an image as `read_image`, with its metadata."""
     readers: dict[str, tuple[str, Callable[[bytes], _Decoded]]] = {
         ".png": ("PNG", _png), ".jpg": ("JPEG", _jpeg), ".jpeg": ("JPEG", _jpeg),

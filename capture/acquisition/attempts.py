@@ -19,15 +19,10 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
-from capture.sets.metadata import (
-    CameraRecord,
-    LightingRecord,
-    SetMetadata,
-    image_noise,
-)
+from capture.sets.metadata import CameraRecord, LightingRecord, SetMetadata, image_noise
 from capture.sets.ome_tiff import PixelHash
+from classify import Calibration
 from classify.base.errors import InputError, Ps4rigError
-from classify.calibration.calibration import Calibration
 from classify.lights.agreement import like_signed
 from classify.methods import checked_label
 from rig import CameraInfo, HardwareError, Rig

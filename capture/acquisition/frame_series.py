@@ -1,19 +1,18 @@
 """Frames for the calibration of a camera: lens covered, and exposure ladder."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from capture.base.console import progress
 from capture.procedures.camera_parts import Rung, levels_of
+from classify import Calibration
+from classify.base.arrays import Array
 from classify.base.errors import ConfigError
-from classify.calibration.calibration import Calibration
 from classify.calibration.dark import DarkFrames, dark_of
-from rig import Frame, Rig
+from rig import CameraError, Frame, Rig
 from rig.cameras.camera import EXPOSURE_LAG_FRAMES, Pixels
-from rig.errors import CameraError
 from rig.fresh_frame import SPARE_S, FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
 from rig.signals import signals_held_back
 
@@ -31,12 +30,6 @@ _DARK_FRAMES = 16
 # Frames at each exposure. Their differences show the noise, with three degrees of freedom.
 _LADDER_FRAMES = 4
 
-_Series = tuple[float, Pixels]
-
-
-def _without_progress(items: Iterator[_Series], _: int) -> Iterable[_Series]:
-    return items
-
 
 def dark_of_rig(rig: Rig) -> DarkFrames:
     """Measure frames of a rig with its lens covered; its LEDs must not change them."""
@@ -45,16 +38,8 @@ def dark_of_rig(rig: Rig) -> DarkFrames:
     return dark_of(frames, (1 << rig.camera.info.bit_depth) - 1, lit)
 
 
-def rungs_of_rig(
-    rig: Rig,
-    calibration: Calibration,
-    shown: Callable[[Iterator[_Series], int], Iterable[_Series]] = _without_progress,
-) -> list[Rung]:
-    """Capture a ladder of exposures of a white sheet, and restore the exposure.
-
-    `shown` draws a progress bar: it gets the frames of all exposures and their number, and yields
-    the frames.
-    """
+def rungs_of_rig(rig: Rig, calibration: Calibration) -> list[Rung]:
+    """Capture a ladder of exposures of a white sheet, with progress; restore the exposure."""
     bit_depth = rig.camera.info.bit_depth
     full_scale = (1 << bit_depth) - 1
     with restored_exposure(rig):
@@ -63,7 +48,7 @@ def rungs_of_rig(
         series = ladder_frames(rig, light, exposures_ms, _LADDER_FRAMES)
         return [
             Rung(exposure_ms, levels_of(frames, full_scale, bit_depth, calibration))
-            for exposure_ms, frames in shown(series, len(exposures_ms))
+            for exposure_ms, frames in progress(series, len(exposures_ms), "exposures")
         ]
 
 
@@ -77,9 +62,7 @@ def frame_series(rig: Rig, light: int | None, count: int) -> Pixels:
 
     switch = switch_to(rig, light)
     settled_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1e3
-    frames: list[npt.NDArray[Any]] = [
-        next_fresh_frame(rig, settled_s, receive).pixels for _ in range(count)
-    ]
+    frames: list[Array] = [next_fresh_frame(rig, settled_s, receive).pixels for _ in range(count)]
     rig.lights.confirm(light)
     return np.stack(frames)
 

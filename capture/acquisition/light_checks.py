@@ -13,8 +13,8 @@ import numpy.typing as npt
 from capture.base.errors import SetRejected
 from capture.sets.image_checks import LightImages
 from capture.sets.metadata import ChecksRecord
+from classify import Calibration
 from classify.base.arrays import Array, Floats
-from classify.calibration.calibration import Calibration
 from classify.lights.agreement import LightAgreement, image_difference
 from classify.lights.order import light_order
 from rig import acceptance
@@ -219,20 +219,20 @@ def _weak_leds(
     if agreement is None or agreement.levels is None:
         return ()
     limit = _level_limit(agreement.level_error)
-    found = {
+    unequal = {
         light: level for light, level in enumerate(agreement.levels) if abs(level - 1.0) > limit
     }
-    if not found:
+    if not unequal:
         return ()
     off = share_while_off(images.images, images.ambient)
     causes = tuple(
         f"{images.names[light]} gives {level:.0%} of the others' light"
         + ", and some of it with all LEDs off: it stays on" * bool(off[light] > 0.0)
-        for light, level in found.items()
+        for light, level in unequal.items()
     )
     is_known = agreement.level_error <= acceptance.MAX_LED_LEVEL_ERROR
     in_range = least_level is not None and all(
-        least_level <= level <= 1.0 / least_level for level in found.values()
+        least_level <= level <= 1.0 / least_level for level in unequal.values()
     )
     if in_range and is_known:
         return causes

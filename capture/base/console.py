@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 _UNLIMITED_WIDTH = 100_000  # columns of a terminal on which no table is wrapped
 _LINE_WIDTH, _LEAST_PROSE = 80, 12
 
-P = ParamSpec("P")
-R = TypeVar("R")
-T = TypeVar("T")
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+_T = TypeVar("_T")
 
 # No markup, because a file may be called [oak].ome.tif; no wrapping, because lines go into logs.
 out = Console(highlight=False, markup=False, emoji=False, soft_wrap=True)
@@ -48,13 +48,13 @@ class ItemProgress:
 class ShowProgress(Protocol):
     """Yields items and shows the number of finished ones, as `progress` does."""
 
-    def __call__(self, items: Iterable[T], total: int, description: str, /) -> Iterator[T]:
+    def __call__(self, items: Iterable[_T], total: int, description: str, /) -> Iterator[_T]:
         """Yield `items`."""
 
 
 def progress(
-    items: Iterable[T], total: int, description: str, item_progress: ItemProgress | None = None
-) -> Iterator[T]:
+    items: Iterable[_T], total: int, description: str, item_progress: ItemProgress | None = None
+) -> Iterator[_T]:
     """Yield `items` and show a progress bar on a terminal; `item_progress` moves it within one."""
     console = Console(stderr=True)
     if not console.is_terminal:
@@ -78,11 +78,11 @@ def complain(message: str) -> None:
     print(f"ps4rig: {' '.join(message.split())}", file=sys.stderr)
 
 
-def reported(command: Callable[P, R]) -> Callable[P, R]:
+def reported(command: Callable[_P, _R]) -> Callable[_P, _R]:
     """Decorate a command: report expected exceptions as one line on stderr and an exit status."""
 
     @functools.wraps(command)
-    def run(*arguments: P.args, **options: P.kwargs) -> R:
+    def run(*arguments: _P.args, **options: _P.kwargs) -> _R:
         try:
             with interruptible():
                 return command(*arguments, **options)

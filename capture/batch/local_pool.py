@@ -15,7 +15,7 @@ from typing import NoReturn, TypeVar
 # Time for an interrupted worker to remove its temporary files, which takes milliseconds.
 _CLEANUP_S = 1
 # Set while a worker process has an item: it may have temporary files to remove when it ends.
-at_work = threading.Event()
+_at_work = threading.Event()
 _one_at_a_time = threading.Lock()
 
 _Item = TypeVar("_Item")
@@ -66,7 +66,7 @@ class LocalPool:
             self._executor = ProcessPoolExecutor(
                 self.workers,
                 mp_context=context,
-                initializer=begin_worker,
+                initializer=_begin_worker,
                 initargs=(far_end,),
             )
 
@@ -89,7 +89,7 @@ def _terminal_signals_blocked() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def begin_worker(lifeline: Connection) -> None:
+def _begin_worker(lifeline: Connection) -> None:
     """Prepare a worker that ends with the process which holds the other end of `lifeline`."""
     signal.signal(signal.SIGTERM, _end)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
@@ -107,14 +107,14 @@ def _end_with(lifeline: Connection) -> None:
             os.kill(os.getpid(), signal.SIGTERM)
             return
         # On Windows os.kill ends the process at once, and no signal wakes a waiting thread.
-        if at_work.is_set():
+        if _at_work.is_set():
             _thread.interrupt_main(signal.SIGTERM)
             time.sleep(_CLEANUP_S)
         os._exit(1)
 
 
 def _end(*_: object) -> NoReturn:
-    if not at_work.is_set():
+    if not _at_work.is_set():
         # An exception in an import or in the executor would print a traceback.
         os._exit(1)
     # SIGALRM ends the process if compiled code does not return to Python.
@@ -130,14 +130,14 @@ def load_tasks(_: None) -> None:
 
 
 def _call(function: Callable[[_Item], _Result], item: _Item) -> _Result:
-    at_work.set()
+    _at_work.set()
     try:
         return call_in_one_thread(function, item)
     except SystemExit:
         # The executor would return the exception as the item's result and continue.
         os._exit(1)
     finally:
-        at_work.clear()
+        _at_work.clear()
 
 
 def call_in_one_thread(function: Callable[[_Item], _Result], item: _Item) -> _Result:

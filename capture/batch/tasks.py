@@ -20,9 +20,8 @@ from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet, calibration_of, named
 from capture.sets.metadata import SetMetadata
-from classify import Lighting, Match, Method, TextureLibrary
+from classify import Calibration, Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError
-from classify.calibration.calibration import Calibration
 from classify.classifiers import Observation
 from classify.images import ImageStack
 from classify.library.training import observe
@@ -244,13 +243,13 @@ def solve_set(
 
 
 def _texture_shape(
-    path: Path, metadata: SetMetadata, shape: tuple[int, int], found: FoundCalibration | None
+    path: Path, metadata: SetMetadata, shape: tuple[int, int], source: FoundCalibration | None
 ) -> tuple[int, int]:
     """Rows and columns in which the texture of a set is observed."""
     mask = None if metadata.mask_file is None else CapturedSet.load(path).mask
     if mask is None:
         return shape
-    calibration = Calibration() if found is None else found.file.calibration
+    calibration = Calibration() if source is None else source.file.calibration
     rows, columns = inscribed_square(calibration.corrected_mask(mask))
     return rows.stop - rows.start, columns.stop - columns.start
 

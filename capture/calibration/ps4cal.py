@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, FiniteFloat, JsonValue, TypeAdapter
 
 from capture.base.errors import CalibrationError
-from classify import Lighting
+from classify import Calibration, Lighting
 from classify.base.array_archive import (
     ArchiveKind,
     ArrayArchive,
@@ -25,17 +25,16 @@ from classify.base.array_archive import (
 from classify.base.arrays import Array
 from classify.base.errors import InputError
 from classify.base.models import Record
-from classify.calibration.calibration import Calibration
 from classify.calibration.dark import measured_at
 
 from .setting import PART_NAMES, PartName, Setting
 
 SUFFIX = ".ps4cal"
-VERSION: Final = 3
+_VERSION: Final = 3
 _KIND = ArchiveKind(
     noun="calibration",
     header="calibration.json",
-    version=VERSION,
+    version=_VERSION,
     if_missing="make one with ps4rig calibrate",
     remedy="calibrate again",
     error=CalibrationError,
@@ -113,7 +112,7 @@ class _PartHeader(Record):
 
 class _Header(Record):
     format: Literal["ps4cal"] = "ps4cal"
-    version: Literal[3] = VERSION
+    version: Literal[3] = _VERSION
     parts: dict[PartName, _PartHeader]
     sha256: str = ""
 

@@ -34,7 +34,7 @@ _PLACES = 9
 
 
 @dataclass(frozen=True)
-class Difference:
+class _Difference:
     """A quantity of two parts: what it is, how far they differ, and how far they may."""
 
     text: str
@@ -137,23 +137,23 @@ def _relative_change(present: float, measured: float) -> float:
     return math.expm1(abs(math.log(measured / present)))
 
 
-def _scale(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+def _scale(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
     before: Scale = present.part
     now: Scale = measured.part
-    yield Difference(
+    yield _Difference(
         f"{now.mm_per_px:.5g} mm per px instead of {before.mm_per_px:.5g}",
         _relative_change(before.mm_per_px, now.mm_per_px),
         _limit(_FLOOR_SCALE, before.error, now.error),
     )
     if before.focal_px and now.focal_px:
-        yield Difference(
+        yield _Difference(
             f"a focal length of {now.focal_px:.5g} px instead of {before.focal_px:.5g}",
             _relative_change(before.focal_px, now.focal_px),
             _limit(_FLOOR_FOCAL, before.focal_error or 0.0, now.focal_error or 0.0),
         )
 
 
-def _lights(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+def _lights(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
     before: CalibratedLights = present.part
     now: CalibratedLights = measured.part
     cosines = np.einsum("lx,lx->l", before.lighting.directions, now.lighting.directions)
@@ -169,7 +169,7 @@ def _lights(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Differe
         floors_deg = np.maximum(floors_deg, np.degrees(parallax))
     for light, (angle_deg, errors) in enumerate(zip(angles_deg, errors_deg, strict=True)):
         limit_deg = _limit(floors_deg[light], *errors)
-        yield Difference(f"light {light} in another direction", angle_deg, limit_deg, "degrees")
+        yield _Difference(f"light {light} in another direction", angle_deg, limit_deg, "degrees")
     if positions_before is None or positions_now is None:
         return
     assert before.distance_errors is not None
@@ -178,10 +178,10 @@ def _lights(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Differe
     for light, (first_px, second_px) in enumerate(zip(*distances, strict=True)):
         limit = _limit(_FLOOR_DISTANCE, before.distance_errors[light], now.distance_errors[light])
         text = f"light {light} at {second_px:.4g} px instead of {first_px:.4g}"
-        yield Difference(text, _relative_change(first_px, second_px), limit)
+        yield _Difference(text, _relative_change(first_px, second_px), limit)
 
 
-def _flat_field(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+def _flat_field(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
     setting = present.record.setting
     longer = max(setting.width_px, setting.height_px)
     x, y = (
@@ -195,46 +195,46 @@ def _flat_field(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Dif
     errors = [part.figure("error_percent") / 100.0 for part in (present, measured)]
     for light, change in enumerate(np.abs(changes).max(axis=(1, 2)).tolist()):
         limit = _limit(_FLOOR_FLAT_FIELD, *errors)
-        yield Difference(f"light {light} of another strength", math.expm1(change), limit)
+        yield _Difference(f"light {light} of another strength", math.expm1(change), limit)
 
 
-def _response(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+def _response(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
     before: Response = present.part
     now: Response = measured.part
     straight = np.linspace(0.0, 1.0, len(before.curve))
     curves = [straight if response.linear else response.curve for response in (before, now)]
     size = float(np.abs(curves[1] - curves[0]).max())
-    yield Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
+    yield _Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
 
 
-def _noise(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+def _noise(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
     before: Noise = present.part
     now: Noise = measured.part
     gains = before.sensor.gain_e_per_dn, now.sensor.gain_e_per_dn
     errors = [part.figure("gain_error_share") for part in (present, measured)]
     text = f"{gains[1]:.4g} electrons per pixel value instead of {gains[0]:.4g}"
-    yield Difference(text, _relative_change(*gains), _limit(_FLOOR_GAIN, *errors))
+    yield _Difference(text, _relative_change(*gains), _limit(_FLOOR_GAIN, *errors))
     reads = before.sensor.read_noise_dn, now.sensor.read_noise_dn
     errors = [part.figure("read_noise_error_dn") / max(*reads, 1.0) for part in (present, measured)]
     text = f"a read noise of {reads[1]:.3g} instead of {reads[0]:.3g}"
     size = abs(reads[1] - reads[0]) / max(*reads, 1.0)
-    yield Difference(text, size, _limit(_FLOOR_NOISE, *errors))
+    yield _Difference(text, size, _limit(_FLOOR_NOISE, *errors))
 
 
-def _dark(present: _RecordedPart, measured: _RecordedPart) -> Iterator[Difference]:
+def _dark(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
     before: Dark = present.part
     now: Dark = measured.part
     full = before.full_scale
     offset = now.offset * full / now.full_scale
     text = f"an offset of {offset:.4g} instead of {before.offset:.4g}"
-    yield Difference(text, abs(offset - before.offset) / full, _FLOOR_OFFSET)
+    yield _Difference(text, abs(offset - before.offset) / full, _FLOOR_OFFSET)
     noise = now.noise * full / now.full_scale
     text = f"a noise of {noise:.3g} instead of {before.noise:.3g}"
     size = abs(noise - before.noise) / max(noise, before.noise, 1.0)
-    yield Difference(text, size, _FLOOR_NOISE)
+    yield _Difference(text, size, _FLOOR_NOISE)
 
 
-_DIFFERENCES: dict[PartName, Callable[[_RecordedPart, _RecordedPart], Iterator[Difference]]] = {
+_DIFFERENCES: dict[PartName, Callable[[_RecordedPart, _RecordedPart], Iterator[_Difference]]] = {
     "dark": _dark,
     "response": _response,
     "noise": _noise,

@@ -25,7 +25,7 @@ _DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
 _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
 
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
-Side = Annotated[int, Field(ge=1, le=32768)]
+_Side = Annotated[int, Field(ge=1, le=32768)]
 
 
 class Setting(Record):
@@ -34,8 +34,8 @@ class Setting(Record):
     simulated: bool
     rig_name: str | None
     camera: str | None
-    width_px: Side
-    height_px: Side
+    width_px: _Side
+    height_px: _Side
     crop: tuple[int, int, int, int] | None = None
     bit_depth: int = Field(ge=1, le=16)
     exposure_ms: FiniteFloat | None

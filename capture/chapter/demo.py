@@ -8,12 +8,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from capture.acquisition.attempts import capture_set
-from capture.base.console import (
-    new_table,
-    out,
-    print_table,
-    progress,
-)
+from capture.base.console import new_table, out, print_table, progress
 from capture.base.names import SET_SUFFIX
 from capture.base.outputs import check_output
 from capture.base.page import rendered
@@ -29,16 +24,9 @@ from classify import (
     evaluate,
     surface_spectra,
 )
+from classify.base.arrays import FloatMap
 from classify.base.durable_file import durable_file, make_folder
-from classify.surface.estimate import FloatMap
-from rig import (
-    ControllerIdentity,
-    Placement,
-    Rig,
-    RigConfig,
-    open_rig,
-    surface_names,
-)
+from rig import ControllerIdentity, Placement, Rig, RigConfig, open_rig, surface_names
 
 _COLUMNS = ("true", "found", "true, °", "found, °", "distance", "runner-up", "margin")
 

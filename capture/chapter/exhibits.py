@@ -1,15 +1,21 @@
-"""Exhibits of chapter 9: accuracy by classifier and test, shadow, relief, albedo, polar spectra."""
+"""The figures and tables of chapter 9: accuracy, shadow, relief, albedo, polar spectra."""
 
+import os
+import platform
+import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.durable_file import make_folder
+
 from . import plan, plots
-from .output import Cell, Exhibit, Row
-from .plan import BEST_SOLVER, SOLVERS
+from .output import Cell, Exhibit, PageInfo, Row, write_page
+from .plan import BEST_SOLVER, SOLVERS, Plan
 from .results import (
     CLASSIFIER_TITLES,
     SAND_SLANT_DEG,
@@ -17,8 +23,9 @@ from .results import (
     SOLVER_TITLES,
     TRUTH,
     Results,
+    measure,
 )
-from .runs import System
+from .runs import System, patch_tasks
 
 # Accuracies of the thesis (see page.html), in percent.
 _THESIS_PS3_1D, _THESIS_PS4_1D, _THESIS_PS4_2D = 90.56, 95.93, 99.07
@@ -30,7 +37,35 @@ _PROTOCOLS: dict[plan.Protocol, str] = {
 }  # fmt: skip
 
 
-def accuracy_exhibits(results: Results) -> Iterator[Exhibit]:
+def reproduce(
+    plan: Plan, output: Path, workers: int | None = None, scheduler: str | None = None
+) -> Path:
+    """Measure a plan and write all files into a folder; returns the page."""
+    make_folder(output)
+    started_s = time.monotonic()
+    results = measure(plan, output, workers, scheduler)
+    exhibits = list(_exhibits(results))
+    facts = {
+        "textures": f"{len(plan.thirty.textures)}",
+        "frames": f"{plan.frame_px} px",
+        "test patches": f"{sum(len(list(patch_tasks(e, output))) for e in plan.experiments)}",
+        "answers": f"{sum(map(len, results.trials.values()))}",
+        "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
+        f"{platform.machine()}",
+    }
+    introduction = Path(__file__).with_name("chapter.html")
+    info = PageInfo("reproduction", introduction, simulated=True, quick=plan.quick)
+    return write_page(exhibits, facts, info, output)
+
+
+def _exhibits(results: Results) -> Iterator[Exhibit]:
+    """Make all figures and tables in the order of the page."""
+    summary, *accuracy = _accuracy_exhibits(results)
+    yield summary
+    yield from sorted([*accuracy, *_surface_exhibits(results)], key=lambda exhibit: exhibit.key)
+
+
+def _accuracy_exhibits(results: Results) -> Iterator[Exhibit]:
     """Make a summary and the exhibits in the order of the chapter."""
     yield _summary(results)
     yield _by_slant(results)
@@ -222,7 +257,7 @@ _SHOWN = (TRUTH, *SOLVERS)
 _SLANT = f"{SAND_SLANT_DEG:g}"
 
 
-def surface_exhibits(results: Results) -> Iterator[Exhibit]:
+def _surface_exhibits(results: Results) -> Iterator[Exhibit]:
     """Make figures 9.2, 9.3, 9.5 and 9.7 to 9.10."""
     maps = results.maps
     yield _shadow_by_texture(results)

@@ -27,7 +27,7 @@ Cell = str | int | float | None
 Row = tuple[Cell, ...]
 
 
-class Text(NamedTuple):
+class _Text(NamedTuple):
     """Heading of the section, title, and paragraphs on what is shown and what the thesis has."""
 
     section: str
@@ -47,18 +47,18 @@ class Exhibit:
     digits: int = 1  # decimals in a table
     values: Mapping[str, object] = field(default_factory=dict)  # replace the $names in the text
 
-    def text_from(self, texts: Mapping[str, Text]) -> Text:
+    def text_from(self, texts: Mapping[str, _Text]) -> _Text:
         """Text beside the exhibit, with its values."""
         section, title, notes = texts[self.key]
         filled = [" ".join(Template(note).substitute(self.values).split()) for note in notes]
-        return Text(section, title, filled)
+        return _Text(section, title, filled)
 
 
-def read_texts(path: Path) -> dict[str, Text]:
+def read_texts(path: Path) -> dict[str, _Text]:
     """Read the texts of exhibits, by their keys, from a ``notes.toml``."""
     sections = tomllib.loads(path.read_text(encoding="utf-8"))
     return {
-        key: Text(section, **text)
+        key: _Text(section, **text)
         for section, texts in sections.items()
         for key, text in texts.items()
     }
@@ -89,7 +89,7 @@ class PageInfo:
     quick: bool = False
 
     @property
-    def texts(self) -> dict[str, Text]:
+    def texts(self) -> dict[str, _Text]:
         """Texts of the exhibits, by their keys."""
         return read_texts(self.introduction.with_name("notes.toml"))
 
@@ -119,7 +119,7 @@ def write_page(
     ]
     _write_numbers(exhibits, info, folder / "results.json")
     path = folder / f"{info.page}.html"
-    _write_text(path, page(drawn, facts, info))
+    _write_text(path, _page(drawn, facts, info))
     return path
 
 
@@ -148,12 +148,12 @@ def _write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def page(
+def _page(
     exhibits: Sequence[tuple[Exhibit, bytes | None]], facts: Mapping[str, str], info: PageInfo
 ) -> str:
     """HTML of the page from each exhibit and its PNG, in this order."""
     texts = info.texts
-    sections: dict[str, list[tuple[Exhibit, Text, str, _Table]]] = {}
+    sections: dict[str, list[tuple[Exhibit, _Text, str, _Table]]] = {}
     for exhibit, png in exhibits:
         text = exhibit.text_from(texts)
         shown = exhibit, text, base64.b64encode(png or b"").decode("ascii"), _table(exhibit)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.base.page import curve_colour
+from classify.base.arrays import Array
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -114,7 +114,7 @@ def draw_polar(
     _legend(figure, figure.axes[-1])
 
 
-def draw_maps(figure: Figure, maps: Sequence[tuple[str, npt.NDArray[Any]]], scale: Scale) -> None:
+def draw_maps(figure: Figure, maps: Sequence[tuple[str, Array]], scale: Scale) -> None:
     """Draw titled maps side by side on one scale of colours."""
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     low, high = scale.value_range

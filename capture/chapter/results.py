@@ -1,20 +1,26 @@
-"""Measurements that the exhibits of a reproduced chapter show."""
+"""Measurement of a plan: all numbers that the exhibits of the chapter show."""
 
+import itertools
+import os
+import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
+from capture.base.console import progress
+from capture.batch.runner import Batch
 from classify import Lighting, Method, SurfaceEstimate, TextureLibrary, Trial, integrate_gradients
+from classify.base.arrays import FloatMap
 from classify.library.evaluation import nearest_accuracy
-from classify.surface.estimate import FloatMap
 from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.spectra import field_spectra, segment_for
+from rig import SYNTHETIC_TEXTURES
 from rig.scene.render import SceneImages, render_frame
 
 from .plan import (
@@ -35,11 +41,19 @@ from .runs import (
     expose,
     library_path,
     load_surface,
+    match_patch,
+    patch_tasks,
     render_patch,
     solve,
     solves_as_planar,
+    train,
+    training_tasks,
 )
 
+_SHADOW_SLANTS_DEG = tuple(map(float, range(10, 90, 10)))  # figures 9.2 and 9.3
+_POLAR_ORIENTATIONS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)  # figures 9.5 and 9.10
+_Item = TypeVar("_Item")
+_Result = TypeVar("_Result")
 Work: TypeAlias = Callable[[], Any]
 _Clock: TypeAlias = Callable[[], float]
 
@@ -84,7 +98,7 @@ class _Cost:
     match_ms: float
 
 
-def measured_costs(plan: Plan, folder: Path) -> list[_Cost]:
+def _measured_costs(plan: Plan, folder: Path) -> list[_Cost]:
     """Time the classifiers of ours, the thesis, and Varma and Zisserman on thirty textures."""
     experiment = plan.thirty
     position = experiment.test_position(experiment.textures[0], 0, "disjoint")
@@ -127,11 +141,11 @@ _SHADOW_PX = 512
 _POLAR_SOLVERS: tuple[Method, ...] = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4", "ps4_robust")
 TRUTH = "truth"
 
-Polar = dict[str, list[float]]
+_Polar = dict[str, list[float]]
 """1D polar spectra of the gradient field M at 90 angles, by solver or `TRUTH`."""
 
 
-def shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
+def _shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
     """Share of the pixels of a synthetic texture in shadow of a light, for each tilt."""
     name, slant_deg = texture_and_slant
     surface = load_surface(Texture(name), 0, _SHADOW_PX)
@@ -154,7 +168,7 @@ class _SandMaps:
     shadows: dict[str, npt.NDArray[np.uint8]]  # number of lights in shadow
 
 
-def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
+def _polar_spectra(rotate_deg: float, size_px: int) -> _Polar:
     """1D polar spectra of M of a patch of sand, at 90 angles over 180 degrees."""
     scene, surfaces = _solved_sand(rotate_deg, size_px, _POLAR_SOLVERS)
     fields = {solver: texture_fields(surface) for solver, surface in surfaces.items()}
@@ -166,7 +180,7 @@ def polar_spectra(rotate_deg: float, size_px: int) -> Polar:
     }
 
 
-def sand_maps(size_px: int) -> _SandMaps:
+def _sand_maps(size_px: int) -> _SandMaps:
     """Maps of a patch of sand by all solvers, and their errors."""
     scene, surfaces = _solved_sand(0.0, size_px, SOLVERS)
     shadows = scene.shadowed.sum(axis=0).astype(np.uint8)
@@ -247,6 +261,51 @@ class Results:
     plan: Plan
     trials: Trials
     shadow_shares: dict[tuple[str, float], tuple[float, ...]]
-    polar: dict[float, Polar]  # of sand, by orientation in degrees
+    polar: dict[float, _Polar]  # of sand, by orientation in degrees
     maps: _SandMaps
     costs: list[_Cost]
+
+
+def measure(
+    plan: Plan, output: Path, workers: int | None = None, scheduler: str | None = None
+) -> Results:
+    """Measure all numbers of a plan. The libraries are in a temporary folder in `output`."""
+    # Workers read this when they start. With one worker on each core, BLAS threads wait for each
+    # other, and texton histograms took eight times as long.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with (
+        tempfile.TemporaryDirectory(dir=output.absolute(), prefix=".libraries-") as libraries,
+        Batch(workers, scheduler) as batch,
+    ):
+
+        def run(
+            function: Callable[[_Item], _Result], items: Sequence[_Item], name: str
+        ) -> Iterator[_Result]:
+            return progress(batch.map(function, items), len(items), name)
+
+        folder = Path(libraries)
+        shadows = list(itertools.product(SYNTHETIC_TEXTURES[:4], _SHADOW_SLANTS_DEG))
+        shares = list(run(_shadow_shares, shadows, "shadow"))
+        spectra = partial(_polar_spectra, size_px=2 * plan.frame_px)
+        polar = list(run(spectra, _POLAR_ORIENTATIONS_DEG, "polar spectra"))
+        (maps,) = run(_sand_maps, [256], "maps")
+        training = [
+            task for experiment in plan.experiments for task in training_tasks(experiment, folder)
+        ]
+        for _ in run(train, training, "train"):
+            pass
+        tests = [
+            task for experiment in plan.experiments for task in patch_tasks(experiment, folder)
+        ]
+        trials = Trials()
+        for system, trial in itertools.chain.from_iterable(run(match_patch, tests, "test")):
+            trials.setdefault(system, []).append(trial)
+        costs = _measured_costs(plan, folder)
+    return Results(
+        plan=plan,
+        trials=trials,
+        shadow_shares=dict(zip(shadows, shares, strict=True)),
+        polar=dict(zip(_POLAR_ORIENTATIONS_DEG, polar, strict=True)),
+        maps=maps,
+        costs=costs,
+    )

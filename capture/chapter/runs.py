@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from classify import Lighting, Method, SurfaceEstimate, TextureLibrary, Trial
+from classify.base.arrays import FloatMap
 from classify.classifiers import Observation, classifier_named
 from classify.library.training import TrainingRow
-from classify.surface.estimate import FloatMap
 from rig import synthetic_surface
 from rig.scene.material_folder import load_material
 from rig.scene.render import SceneImages, render_frame

@@ -90,10 +90,9 @@ def lights(
 
     The camera is not opened. All LEDs are out when the command has ended.
     """
-    from rig import ConfigError
+    from rig import ConfigError, Simulation
     from rig.config.rig import config_of
     from rig.rig import open_lights
-    from rig.simulation.rig import Simulation
 
     if led not in ("cycle", "off") and not led.isdecimal():
         raise ConfigError(f"LED {led!r} is unknown; give a number, cycle or off")

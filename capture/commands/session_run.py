@@ -38,7 +38,7 @@ def new(
     out.print(f"{plan}: edit it, then run ps4rig session run {plan} --dry-run")
 
 
-Yes = Annotated[
+_Yes = Annotated[
     bool,
     typer.Option(
         "--yes", help="Ask nothing: for the simulated rig and turntables. What fails stays missing."
@@ -61,7 +61,7 @@ def run(
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show what the plan means, and capture nothing.")
     ] = False,
-    yes: Yes = False,
+    yes: _Yes = False,
     new_plan: _NewPlan = False,
     json: options.Json = False,
 ) -> None:
@@ -104,7 +104,7 @@ def run(
 def resume(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     rig: options.Rig = "rig.toml",
-    yes: Yes = False,
+    yes: _Yes = False,
     new_plan: _NewPlan = False,
     left_out: Annotated[
         bool, typer.Option("--left-out", help="Capture the sets that were left out, too.")

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -156,14 +157,64 @@ def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:
     return {"set": str(path)} | fields | {"files": files}
 
 
-_ARRAYS, _PLY, _STL, _X3P, _SUR = ".npz", ".ply", ".stl", ".x3p", ".sur"
-_HEIGHTS = (_PLY, _STL, _X3P, _SUR)
+@dataclass(frozen=True)
+class ExportFormat:
+    """A file format of `export`.
+
+    `write` returns the unit of the lengths in the file. A format that is not `solved` gets a set
+    without its calibration.
+    """
+
+    content: str
+    write: Callable[[LoadedSet, Path], str | None]
+    solved: bool = True
+
+
+def _write_npz(loaded: LoadedSet, path: Path) -> None:
+    from capture.maps.set_files import write_numpy_file
+
+    write_numpy_file(loaded.captured, path)
+
+
+def _write_ply(loaded: LoadedSet, path: Path) -> str:
+    from capture.maps.mesh import scaled_height, write_ply
+
+    surface, height, per_px, unit = scaled_height(loaded)
+    write_ply(path, height, surface.albedo, per_px, unit)
+    return unit
+
+
+def _write_stl(loaded: LoadedSet, path: Path) -> str:
+    from capture.maps.mesh import scaled_height, write_stl
+
+    _, height, per_px, unit = scaled_height(loaded)
+    write_stl(path, height, per_px, unit)
+    return unit
+
+
+def _write_x3p(loaded: LoadedSet, path: Path) -> str:
+    from capture.maps.measured_surfaces import HeightMap, write_x3p
+
+    write_x3p(path, HeightMap.of(loaded))
+    return "m"
+
+
+def _write_sur(loaded: LoadedSet, path: Path) -> str:
+    from capture.maps.measured_surfaces import HeightMap, write_sur
+
+    write_sur(path, HeightMap.of(loaded))
+    return "um"
+
+
+# By the end of the name; a new format is a writer and a row.
 FORMATS = {
-    _ARRAYS: "all arrays",
-    _PLY: "the height and the albedo as a mesh",
-    _STL: "the height as a mesh",
-    _X3P: "the height for programs that measure roughness; needs a scale",
-    _SUR: "the same, for MountainsMap and Gwyddion",
+    ".npz": ExportFormat("all arrays", _write_npz, solved=False),
+    ".ply": ExportFormat("the height and the albedo as a mesh", _write_ply),
+    ".stl": ExportFormat("the height as a mesh", _write_stl),
+    ".x3p": ExportFormat(
+        "the height for programs that measure roughness; needs a scale", _write_x3p
+    ),
+    ".sur": ExportFormat("the same, for MountainsMap and Gwyddion", _write_sur),
 }
 FOLDER = "16-bit TIFF files and lights.lp, or the maps"
 
@@ -175,7 +226,7 @@ def export(
         Path,
         typer.Argument(
             metavar="OUT",
-            help="; ".join(f"NAME{suffix}: {content}" for suffix, content in FORMATS.items())
+            help="; ".join(f"NAME{suffix}: {form.content}" for suffix, form in FORMATS.items())
             + f"; or a folder: {FOLDER}.",
         ),
     ],
@@ -190,62 +241,37 @@ def export(
     """Write a captured set, or its height, for other programs."""
     from capture.base.outputs import check_output
     from capture.batch.tasks import SolveTask, solve_set
-    from capture.maps.set_files import write_light_folder, write_numpy_file
+    from capture.maps.set_files import write_light_folder
     from capture.sets.captured_set import CapturedSet, LoadedSet, named
 
     suffix = output.suffix.lower()
-    if suffix and (maps or suffix not in FORMATS):
+    form = FORMATS.get(suffix)
+    if suffix and (maps or form is None):
         *some, last = FORMATS
         wrong = "--maps writes a folder; leave out the end of the name"
         if not maps:
             wrong = f"end the name in {', '.join(some)} or {last}, or name a folder"
         raise InputError(f"{output}: {wrong}")
     options.check_calibration(calibration, raw)
-    if not maps and suffix not in _HEIGHTS and (raw or calibration is not None):
+    is_solved = maps or (form is not None and form.solved)
+    if not is_solved and (raw or calibration is not None):
         raise InputError(f"{output}: is not solved; leave out --calibration and --raw")
-    if suffix:
-        check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
     answer: dict[str, str | tuple[str, ...]] = {"set": str(captured_set), "output": str(output)}
     if maps:
         task = SolveTask(captured_set, output)
         answer["files"] = solve_set(task, None, calibration=calibration, raw=raw).files
-    elif suffix in _HEIGHTS:
-        loaded = LoadedSet.of(captured_set, calibration, raw=raw)
+    elif form is not None:
+        check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
+        loaded = LoadedSet.of(captured_set, calibration, raw=raw or not form.solved)
         with named(captured_set):
-            answer["unit"] = _write_height(loaded, output)
-    elif suffix:
-        write_numpy_file(CapturedSet.load(captured_set), output)
+            unit = form.write(loaded, output)
+        answer |= {} if unit is None else {"unit": unit}
     else:
         answer["import_options"] = write_light_folder(CapturedSet.load(captured_set), output)
     if json:
         print_json(answer)
         return
-    unit = f", lengths in {answer['unit']}" if "unit" in answer else ""
-    out.print(f"{output}: written{unit}")
+    lengths = f", lengths in {answer['unit']}" if "unit" in answer else ""
+    out.print(f"{output}: written{lengths}")
     if options_back := answer.get("import_options"):
         out.print(f"back again: ps4rig import {options_back} OUT.ome.tif")
-
-
-def _write_height(loaded: LoadedSet, output: Path) -> str:
-    """Write the height of a set as a measured surface or a mesh; return the unit of its lengths."""
-    from capture.maps.digital_surf import write_sur
-    from capture.maps.height_map import HeightMap, solved_height
-    from capture.maps.mesh import write_ply, write_stl
-    from capture.maps.x3p import write_x3p
-
-    suffix = output.suffix.lower()
-    if suffix == _X3P:
-        write_x3p(output, HeightMap.of(loaded))
-        return "m"
-    if suffix == _SUR:
-        write_sur(output, HeightMap.of(loaded))
-        return "um"
-    surface, height = solved_height(loaded)
-    mm_per_px = loaded.mm_per_px
-    per_px, unit = (1.0, "px, relative") if mm_per_px is None else (mm_per_px, "mm")
-    height *= per_px
-    if suffix == _PLY:
-        write_ply(output, height, surface.albedo, per_px, unit)
-    else:
-        write_stl(output, height, per_px, unit)
-    return unit

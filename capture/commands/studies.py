@@ -36,8 +36,8 @@ def reproduce(
     scheduler: options.Scheduler = None,
 ) -> None:
     """Measure every figure and table of the thesis's chapter 9 on simulated surfaces."""
+    from capture.chapter.exhibits import reproduce as run
     from capture.chapter.plan import plan_of
-    from capture.chapter.run import reproduce as run
 
     page = run(plan_of(quick), output, workers, scheduler)
     out.print(f"{page}: every figure and table (simulated)")

@@ -22,13 +22,7 @@ from capture.base.console import (
     reported,
 )
 from capture.base.outputs import check_output, csv_line
-from classify.methods import (
-    CLASSIFIER_NAMES,
-    DEFAULT_CLASSIFIER,
-    METHODS,
-    ClassifierName,
-    Method,
-)
+from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER, METHODS, ClassifierName, Method
 
 from . import options
 

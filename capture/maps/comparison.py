@@ -13,6 +13,7 @@ import numpy.typing as npt
 from capture.base.names import SET_SUFFIX
 from capture.sets.captured_set import CapturedSet, LoadedSet, named
 from classify import SurfaceEstimate
+from classify.base.arrays import BoolArray, FloatMap, Floats
 from classify.base.errors import InputError
 from classify.library.dissimilarity import TexturePair, compare_textures
 from classify.texture.orientation import LEAST_SHARPNESS
@@ -22,26 +23,26 @@ from .map_tiff import read_description, read_map
 from .surface_maps import SurfaceMaps
 from .views import MapKind, unit_text
 
-_Maps = dict[str, tuple[npt.NDArray[np.float32], str]]  # with the unit of each
+_Maps = dict[str, tuple[FloatMap, str]]  # with the unit of each
 # Fields of a setting that say which rig it is; the others are settings.
 _OF_THE_RIG = ("rig_name", "camera", "light_directions", "led_levels_percent")
 
 
 @dataclass(frozen=True, eq=False)
-class Side:
+class _Side:
     """One of two sets or folders."""
 
     path: Path
     surface: SurfaceEstimate
     texture: SurfaceEstimate  # solved as for a texture; for a folder, `surface` itself
     maps: _Maps  # (H, W), NaN where not valid
-    deviations: Mapping[str, npt.NDArray[np.float32]]  # standard deviations of maps that have one
+    deviations: Mapping[str, FloatMap]  # standard deviations of maps that have one
     facts: Mapping[str, Mapping[str, Any]]  # values by field, by group
     simulated: bool
     orientation_deg: float | None
 
 
-def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> Side:
+def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> _Side:
     """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``."""
     if path.is_dir():
         return _folder(path)
@@ -52,7 +53,7 @@ def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -
         return _set(path, loaded)
 
 
-def _set(path: Path, loaded: LoadedSet) -> Side:
+def _set(path: Path, loaded: LoadedSet) -> _Side:
     captured = loaded.captured
     surface = loaded.solve(uncertainty=True)
     solved = SurfaceMaps(surface, mm_per_px=loaded.mm_per_px)
@@ -75,7 +76,7 @@ def _set(path: Path, loaded: LoadedSet) -> Side:
         }
     texture = loaded.solve_texture(None, planar=True)
     metadata = captured.metadata
-    return Side(
+    return _Side(
         path,
         surface,
         texture,
@@ -116,7 +117,7 @@ def _facts_of_set(captured: CapturedSet) -> dict[str, dict[str, Any]]:
     }
 
 
-def _folder(folder: Path) -> Side:
+def _folder(folder: Path) -> _Side:
     if not (folder / "p.tif").is_file():
         raise InputError(f"{folder}: holds no maps; ps4rig solve SET --out {folder} writes them")
     description = read_description(folder / "p.tif")
@@ -159,7 +160,7 @@ def _folder(folder: Path) -> Side:
         "software": {"version": description.get("software_version")},
     }  # fmt: skip
     simulated = bool(description.get("simulated"))
-    return Side(folder, surface, surface, maps, deviations, facts, simulated, None)
+    return _Side(folder, surface, surface, maps, deviations, facts, simulated, None)
 
 
 def _compared() -> dict[str, MapKind]:
@@ -205,7 +206,7 @@ class _MapDifference:
 def map_difference(
     first: npt.NDArray[np.floating[Any]],
     second: npt.NDArray[np.floating[Any]],
-    valid: npt.NDArray[np.bool_],
+    valid: BoolArray,
     unit: str,
     deviation: npt.NDArray[np.floating[Any]] | None = None,
 ) -> _MapDifference | None:
@@ -234,18 +235,18 @@ def map_difference(
 
 def normal_angles_deg(
     first: Sequence[npt.NDArray[np.floating[Any]]], second: Sequence[npt.NDArray[np.floating[Any]]]
-) -> npt.NDArray[np.float64]:
+) -> Floats:
     """(H, W) angle between the normals of two surfaces, each given by its slopes p and q."""
     (p1, q1), (p2, q2) = (
         [np.asarray(slope, np.float64) for slope in slopes] for slopes in (first, second)
     )
     # |n1 x n2| and n1 . n2 of (-p, -q, 1): exact also for small angles.
     cross = np.sqrt((p1 - p2) ** 2 + (q1 - q2) ** 2 + (p1 * q2 - p2 * q1) ** 2)
-    angles: npt.NDArray[np.float64] = np.degrees(np.arctan2(cross, p1 * p2 + q1 * q2 + 1.0))
+    angles: Floats = np.degrees(np.arctan2(cross, p1 * p2 + q1 * q2 + 1.0))
     return angles
 
 
-def _correlation(one: npt.NDArray[np.float64], other: npt.NDArray[np.float64]) -> float:
+def _correlation(one: Floats, other: Floats) -> float:
     one, other = one - one.mean(), other - other.mean()
     energy = float(np.sqrt((one**2).sum() * (other**2).sum()))
     return float((one * other).sum() / energy) if energy > 0.0 else 0.0
@@ -260,8 +261,8 @@ _ALIGNED = 0.7
 class Comparison:
     """Two sides and their differences."""
 
-    first: Side
-    second: Side
+    first: _Side
+    second: _Side
     texture: TexturePair | None  # None where a side is too small, or has no valid pixel
     angle_deg: float | None  # from the first texture to the second, anticlockwise, [-90, 90)
     maps: Mapping[str, _MapDifference]  # those of equal size and unit
@@ -292,7 +293,7 @@ class Comparison:
         }
 
 
-def compare(first: Side, second: Side) -> Comparison:
+def compare(first: _Side, second: _Side) -> Comparison:
     try:
         texture = compare_textures(first.texture, second.texture)
     except InputError:

@@ -47,7 +47,7 @@ _WITHOUT_NOISE = (
 )
 
 
-def roughness_note(maps: SurfaceMaps) -> str:
+def _roughness_note(maps: SurfaceMaps) -> str:
     """Return the meaning of the parameters, with or without a scale."""
     noise = _WITH_NOISE if maps.roughness_uncertainty is None else _WITHOUT_NOISE
     if maps.mm_per_px is None:
@@ -131,7 +131,7 @@ def map_page(
         facts=(*_facts(captured, maps), *_calibration(maps.surface, calibration, raw_residual)),
         views=views,
         roughness=_roughness_parameters(maps),
-        roughness_note=roughness_note(maps),
+        roughness_note=_roughness_note(maps),
         units=_UNITS,
     )
 
@@ -240,7 +240,7 @@ def write_maps(
     views = map_views(captured, maps)
     roughness = {
         "valid_pixels": int(np.count_nonzero(surface.valid)),
-        "note": roughness_note(maps),
+        "note": _roughness_note(maps),
         "parameters": _roughness_parameters(maps),
         "uncertainty": _uncertainty(maps, calibration),
     }

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
 from classify import SurfaceEstimate, local_relief, relight
-from classify.base.arrays import FloatMap
+from classify.base.arrays import BoolArray, FloatMap
 from classify.relief.curvature import CURVATURE_SCALE_PX
 
 from . import pictures, views
@@ -18,7 +18,7 @@ from .surface_maps import SurfaceMaps
 from .views import LENGTH, SHOWN_LIGHTS, MapKind, MapView
 
 
-def _inside(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.uint8]:
+def _inside(mask: BoolArray) -> npt.NDArray[np.uint8]:
     return mask * np.uint8(255)
 
 

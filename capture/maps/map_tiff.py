@@ -11,6 +11,7 @@ import numpy.typing as npt
 import tifffile
 
 from capture.sets.ome_tiff import resolution
+from classify.base.arrays import Array, FloatMap
 from classify.base.errors import InputError
 from rig.set_file import opened_tiff
 
@@ -18,7 +19,7 @@ _Description = dict[str, Any]
 
 
 def write_values(
-    path: Path, values: npt.NDArray[np.float32], description: _Description, mm_per_px: float | None
+    path: Path, values: FloatMap, description: _Description, mm_per_px: float | None
 ) -> None:
     """Write (H, W) float32 values."""
     tifffile.imwrite(
@@ -29,7 +30,7 @@ def write_values(
 
 def write_channels(
     path: Path,
-    channels: npt.NDArray[np.float32] | npt.NDArray[np.uint8],
+    channels: FloatMap | npt.NDArray[np.uint8],
     names: tuple[str, ...],
     display_range: tuple[float, float],
     description: _Description,
@@ -57,7 +58,7 @@ def read_description(path: Path) -> _Description:
         return _description(tiff, path)
 
 
-def read_map(path: Path) -> tuple[npt.NDArray[Any], _Description]:
+def read_map(path: Path) -> tuple[Array, _Description]:
     """Read a map, (H, W) or (C, H, W), and its description."""
     with opened_tiff(path) as tiff:
         description = _description(tiff, path)

@@ -6,9 +6,21 @@ from pathlib import Path
 
 import numpy as np
 
-from classify.base.arrays import Array
+from capture.sets.captured_set import LoadedSet
+from classify import SurfaceEstimate
+from classify.base.arrays import Array, FloatMap
 from classify.base.durable_file import durable_file
-from classify.surface.estimate import FloatMap
+
+from .measured_surfaces import solved_height
+
+
+def scaled_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap, float, str]:
+    """Solve a set; return surface, height, length of a pixel, and the unit of both lengths."""
+    surface, height = solved_height(loaded)
+    if loaded.mm_per_px is None:
+        return surface, height, 1.0, "px, relative"
+    height *= loaded.mm_per_px
+    return surface, height, loaded.mm_per_px, "mm"
 
 
 def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, unit: str) -> None:

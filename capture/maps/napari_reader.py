@@ -6,15 +6,14 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy.typing as npt
-
 from capture.sets import ome_tiff
+from classify.base.arrays import Array
 from classify.base.errors import InputError
 
 from .map_tiff import read_description, read_map
 
 # Values, arguments of the layer, and its kind, as napari asks for.
-_Layer = tuple[npt.NDArray[Any], dict[str, Any], str]
+_Layer = tuple[Array, dict[str, Any], str]
 _Reader = Callable[[str], list[_Layer]]
 _RECOGNISED_BY = "p.tif"  # in every folder of maps
 # Pages and maps with two values are label layers; the others are image layers.
@@ -80,7 +79,7 @@ def _map_layers(folder: Path) -> Iterator[_Layer]:
 
 def _layer(
     name: str,
-    values: npt.NDArray[Any],
+    values: Array,
     description: dict[str, Any],
     limits: tuple[float, float] | None,
     *,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
@@ -12,8 +11,8 @@ import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
 from classify import Lighting
+from classify.base.arrays import Array, BoolArray, FloatMap
 from classify.shadow_rule import NO_DROPPED_LIGHT
-from classify.surface.estimate import FloatMap
 
 Picture = npt.NDArray[np.uint8]
 PICTURE_PX = 512
@@ -52,7 +51,7 @@ class ColourScale:
     colours: Picture
 
     @classmethod
-    def grey(cls, values: npt.NDArray[Any], top: float | None = None) -> ColourScale:
+    def grey(cls, values: Array, top: float | None = None) -> ColourScale:
         """Make a scale from black at 0 to white at `top`, by default the 99.5th percentile."""
         return cls(0.0, _limit(values) if top is None else top, GREYS)
 
@@ -72,7 +71,7 @@ class ColourScale:
         """The values of `stops`."""
         return self.low, (self.low + self.high) / 2.0, self.high
 
-    def paint(self, values: npt.NDArray[Any]) -> Picture:
+    def paint(self, values: Array) -> Picture:
         """Return a picture of (H, W) values, grey where they are NaN."""
         per_value = 255.0 / (self.high - self.low)
         levels = values.astype(np.float32)
@@ -85,7 +84,7 @@ class ColourScale:
         return picture
 
 
-def _limit(values: npt.NDArray[Any]) -> float:
+def _limit(values: Array) -> float:
     """Return the 99.5th percentile without NaN; if it is 0 the maximum, and 1 if that is 0 too."""
     values = values[~np.isnan(values)]
     if not values.size:
@@ -99,7 +98,7 @@ def coloured(levels: npt.NDArray[np.uint8], colours: Picture) -> Picture:
     return picture
 
 
-def grey(image: npt.NDArray[Any], top: float | None = None) -> Picture:
+def grey(image: Array, top: float | None = None) -> Picture:
     """Return a grey picture: black at 0, white at `top` or the 99.5th percentile."""
     return ColourScale.grey(image, top).paint(image)
 
@@ -116,7 +115,7 @@ def shaded(normals: FloatMap, contrast: float = 1.0) -> Picture:
     return grey(_FLAT_GREY + contrast * (_shading(normals) - _FLAT_GREY), top=1.0)
 
 
-def shading_contrast(normals: FloatMap, valid: npt.NDArray[np.bool_]) -> float:
+def shading_contrast(normals: FloatMap, valid: BoolArray) -> float:
     """Return the contrast, 1 to 6, at which `shaded` uses all greys without cutting them off."""
     shading = _shading(normals[valid])
     if not shading.size:
@@ -166,10 +165,10 @@ def light_images(
 
 
 def reduced(
-    values: npt.NDArray[Any],
+    values: Array,
     interpolation: int = cv2.INTER_AREA,
     longest_px: int = PICTURE_PX,
-) -> npt.NDArray[Any]:
+) -> Array:
     """Reduce (H, W) or (H, W, 3) values to a longer side of `longest_px`, labels by INTER_NEAREST.
 
     A mean leaves out NaN, and is NaN if more than half of its values are.

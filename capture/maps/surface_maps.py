@@ -7,7 +7,6 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from classify import (
     Lighting,
@@ -17,13 +16,13 @@ from classify import (
     surface_curvature,
     surface_roughness,
 )
+from classify.base.arrays import Array, FloatMap
 from classify.base.errors import InputError
 from classify.relief.height import default_cutoff_px
 from classify.relief.roughness import RoughnessUncertainty, roughness_uncertainty
-from classify.surface.estimate import FloatMap
 
 if TYPE_CHECKING:
-    from classify.relief.curvature import Curvature
+    from classify import Curvature
 
     from .views import MapKind
 
@@ -38,13 +37,13 @@ class SurfaceMaps:
     surface: SurfaceEstimate
     light: Lighting = RELIT_LIGHT  # of the relit map
     mm_per_px: float | None = None
-    _computed: dict[str, npt.NDArray[Any]] = field(default_factory=dict)
+    _computed: dict[str, Array] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if len(self.light) != 1:
             raise InputError(f"relit under {len(self.light)} lights; give one")
 
-    def values(self, kind: MapKind) -> npt.NDArray[Any]:
+    def values(self, kind: MapKind) -> Array:
         """(H, W) or (H, W, 3) values of a map; float32 values are NaN where invalid."""
         if kind.name not in self._computed:
             self._computed[kind.name] = kind.compute(self)

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import Array
 from classify.shadow_rule import NO_DROPPED_LIGHT
 from rig.config.lights import led_names
 
@@ -68,7 +69,7 @@ class MapKind:
     title: str
     caption: str
     # (H, W) or (H, W, 3) float32 values; of a mask, (H, W) uint8
-    compute: Callable[[SurfaceMaps], npt.NDArray[Any]]
+    compute: Callable[[SurfaceMaps], Array]
     show: Callable[[MapKind, SurfaceMaps], MapView]
     unit: str = "1"
     labels: Labels | None = None  # of a mask
@@ -142,9 +143,7 @@ def mask_picture(kind: MapKind, maps: SurfaceMaps) -> Picture:
     return pictures.coloured(values, kind.labels.colours(len(maps.tilts_deg)))
 
 
-def _scaled(
-    kind: MapKind, maps: SurfaceMaps, scale_of: Callable[[npt.NDArray[Any]], ColourScale]
-) -> MapView:
+def _scaled(kind: MapKind, maps: SurfaceMaps, scale_of: Callable[[Array], ColourScale]) -> MapView:
     values = pictures.reduced(maps.values(kind))
     scale = scale_of(values)
     return _view(kind, maps, scale.paint(values), scale=scale)

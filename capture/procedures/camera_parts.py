@@ -10,8 +10,8 @@ from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs
+from classify import Calibration
 from classify.base.errors import CalibrationRejected, InputError
-from classify.calibration.calibration import Calibration
 from classify.calibration.dark import Dark, DarkFrames
 from classify.calibration.exposure_ladder import ExposureLadder, response_of
 from classify.calibration.photon_transfer import (

@@ -3,13 +3,14 @@
 from collections.abc import Sequence
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
+from classify import Calibration
+from classify.base.arrays import BoolArray
 from classify.base.errors import InputError
-from classify.calibration.calibration import CalibratedLights, Calibration
+from classify.calibration.calibration import CalibratedLights
 from classify.calibration.plate import MeasuredPlate, measure_plate
 from classify.images import ImageStack
 
@@ -22,7 +23,7 @@ _ROUND_LOBES = 0.002
 def plate_parts(
     sets: Sequence[CapturedSet],
     calibration: Calibration,
-    mask: npt.NDArray[np.bool_] | None,
+    mask: BoolArray | None,
     source: Sequence[str],
 ) -> list[MeasuredPart]:
     """Measure a sheet that the camera parts of `calibration` correct."""

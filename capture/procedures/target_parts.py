@@ -11,8 +11,10 @@ from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, stated_err
 from capture.calibration.setting import PartName, Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs, read_mask
+from classify import Calibration
+from classify.base.arrays import FloatMap
 from classify.base.errors import CalibrationRejected, InputError
-from classify.calibration.calibration import Calibration, Scale
+from classify.calibration.calibration import Scale
 from classify.calibration.checkerboard import SEEN_TILT_DEG, find_corners, scale_of_boards
 from classify.calibration.spheres import (
     SphereImages,
@@ -195,7 +197,7 @@ _GOOD, _FAIR = 0.002, 0.01
 _COVERED = 0.6
 
 
-def board_of_set(captured: CapturedSet) -> npt.NDArray[np.float32]:
+def board_of_set(captured: CapturedSet) -> FloatMap:
     """Return the mean of the light images of a set, (H, W): it has the least noise and shadow."""
     return np.asarray(captured.images.mean(axis=0, dtype=np.float32), np.float32)
 

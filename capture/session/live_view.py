@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any, Self
+from typing import Self
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet, LoadedSet
 from classify import Lighting, photometric_stereo
-from classify.base.arrays import FloatMap
+from classify.base.arrays import Array, BoolArray, FloatMap
 from classify.base.errors import InputError, Ps4rigError
 from rig import Frame, HardwareError, Rig
 
@@ -49,7 +48,6 @@ class Outline:
     width_px: int
     height_px: int
     lines: tuple[FloatMap, ...]  # closed, (n, 2): x, y down in px from the top left pixel
-    is_of_part: bool  # False for the edges of a texture that fills the frame
 
     def rotated(self, angle_deg: float) -> "Outline":
         """Rotate the lines anticlockwise about the middle of the frame."""
@@ -91,11 +89,11 @@ def outline_of(captured: CapturedSet) -> Outline:
     if part is not None:
         contours = _contours(part)
         lines = [max(contours, key=cv2.contourArea)] if contours else []
-        return Outline(columns, rows, _simplified(lines), is_of_part=True)
-    return Outline(columns, rows, _edges(images), is_of_part=False)
+        return Outline(columns, rows, _simplified(lines))
+    return Outline(columns, rows, _edges(images))
 
 
-def _part_in(mean: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_] | None:
+def _part_in(mean: FloatMap) -> BoolArray | None:
     """Pixels of the largest part that is brighter or darker than the ground; None without one."""
     low, high = np.percentile(mean, (1, 99))
     grey = np.clip((mean - low) * (255.0 / max(high - low, 1e-6)), 0, 255).astype(np.uint8)
@@ -123,7 +121,7 @@ def _part_in(mean: npt.NDArray[np.float32]) -> npt.NDArray[np.bool_] | None:
     return np.asarray(largest, np.bool_)
 
 
-def _edges(images: npt.NDArray[np.float32]) -> tuple[FloatMap, ...]:
+def _edges(images: FloatMap) -> tuple[FloatMap, ...]:
     """The strongest edges under all lights."""
     strength = np.zeros(images.shape[1:], np.float32)
     for image in images:
@@ -135,12 +133,12 @@ def _edges(images: npt.NDArray[np.float32]) -> tuple[FloatMap, ...]:
     return _simplified(longest[-_MOST_LINES:])
 
 
-def _contours(pixels: npt.NDArray[np.bool_]) -> Sequence[npt.NDArray[Any]]:
+def _contours(pixels: BoolArray) -> Sequence[Array]:
     mask = pixels.astype(np.uint8)
     return cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0]
 
 
-def _simplified(lines: Iterable[npt.NDArray[Any]]) -> tuple[FloatMap, ...]:
+def _simplified(lines: Iterable[Array]) -> tuple[FloatMap, ...]:
     return tuple(
         cv2.approxPolyDP(line, _TOLERANCE_PX, True).reshape(-1, 2).astype(np.float32)
         for line in lines

@@ -9,12 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
-from pydantic import (
-    BeforeValidator,
-    Field,
-    field_validator,
-    model_validator,
-)
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from capture.acquisition.attempts import MAX_AVERAGE
 from capture.base.names import SET_SUFFIX, Label, Name, Text, file_name, usable_label
@@ -52,7 +47,7 @@ def _words(command: str) -> list[str]:
     return list(split)
 
 
-Exposure = Annotated[float | None, Field(gt=0.0, le=10_000.0)] | Literal["search"]
+_Exposure = Annotated[float | None, Field(gt=0.0, le=10_000.0)] | Literal["search"]
 
 
 class Specimen(Section):
@@ -103,7 +98,7 @@ class SessionPlan(Section):
     average: int = Field(
         default=1, ge=1, le=MAX_AVERAGE, description="frames that each image averages"
     )
-    exposure_ms: Annotated[Exposure, BeforeValidator(_checked_exposure)] = Field(
+    exposure_ms: Annotated[_Exposure, BeforeValidator(_checked_exposure)] = Field(
         default=None,
         description='that of the rig by default; "search" finds one for each specimen',
     )

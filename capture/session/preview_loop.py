@@ -16,14 +16,9 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import InputError, Ps4rigError
-from rig import (
-    Frame,
-    HardwareError,
-    Rig,
-    RigConfig,
-    open_rig,
-)
+from rig import Frame, HardwareError, Rig, RigConfig, open_rig
 from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
@@ -67,7 +62,7 @@ def preview_image(frame: Frame) -> _PreviewImage:
 
 def _png(
     pixels: npt.NDArray[np.uint8] | npt.NDArray[np.uint16],
-    saturated: npt.NDArray[np.bool_],
+    saturated: BoolArray,
     bit_depth: int,
 ) -> bytes:
     grey = (pixels >> (bit_depth - 8)).astype(np.uint8)
@@ -99,7 +94,7 @@ class Places(NamedTuple):
     size: float  # width and height of each image
 
 
-def places_of(directions: npt.NDArray[np.float64]) -> Places | None:
+def places_of(directions: Floats) -> Places | None:
     """Place images as the lights stand, by their (N, 3) directions with y up.
 
     The images are the largest that overlap neither each other nor the part; None if they are
@@ -122,7 +117,7 @@ def places_of(directions: npt.NDArray[np.float64]) -> Places | None:
     return Places(tuple(lights), part, round(size, 4))
 
 
-Measure = Callable[[Sequence[Frame]], str | None]
+_Measure = Callable[[Sequence[Frame]], str | None]
 # Pause before the rig is opened again: time to plug in a cable.
 _RETRY_S = 2.0
 # Pause after each image, for the server and the browser.
@@ -225,7 +220,7 @@ class Preview:
 
 
 def show_lights(
-    rig: Rig, preview: Preview, stopping: threading.Event, measure: Measure | None = None
+    rig: Rig, preview: Preview, stopping: threading.Event, measure: _Measure | None = None
 ) -> None:
     """Show each light of an open rig in turn until `stopping` is set.
 
@@ -248,7 +243,7 @@ def run_preview(
     config: RigConfig,
     preview: Preview,
     stopping: threading.Event,
-    measure: Measure | None = None,
+    measure: _Measure | None = None,
 ) -> None:
     """Show each light in turn until `stopping` is set, then switch the LEDs off.
 

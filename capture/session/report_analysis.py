@@ -12,12 +12,7 @@ from statistics import NormalDist
 import numpy as np
 
 from capture.sets.captured_set import LoadedSet
-from classify import (
-    Spectra,
-    SurfaceEstimate,
-    TextureLibrary,
-    surface_spectra,
-)
+from classify import Spectra, SurfaceEstimate, TextureLibrary, surface_spectra
 from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.images import SIGMA_PER_MAD
@@ -70,7 +65,7 @@ class SessionAnalysis:
     separation: Separation | None  # None with fewer than two specimens that have a texture
     damaged: dict[str, str]  # errors of the sets that cannot be read or solved, by their files
     remarks: list[tuple[str, str]]  # (file, remark) for a person to look at
-    repeatability: list[Repeatability]  # of placements with repeated sets
+    repeatability: list[_Repeatability]  # of placements with repeated sets
 
 
 def analyse(
@@ -97,12 +92,12 @@ def analyse(
 
 def _repeatability(
     folder: Path, entries: list[SetEntry], damaged: dict[str, str]
-) -> Iterator[Repeatability]:
+) -> Iterator[_Repeatability]:
     for pair in _first_repeats(entries):
         loaded = [_loaded(folder, entry, damaged) for entry in pair]
-        surfaces = [each.solve(uncertainty=True) for each in loaded if each is not None]
-        if len(surfaces) == len(pair) and (found := _repeatability_of(pair[0], *surfaces)):
-            yield found
+        surfaces = [captured.solve(uncertainty=True) for captured in loaded if captured is not None]
+        if len(surfaces) == len(pair) and (repeatability := _repeatability_of(pair[0], *surfaces)):
+            yield repeatability
 
 
 def _loaded(folder: Path, entry: SetEntry, damaged: dict[str, str]) -> LoadedSet | None:
@@ -245,7 +240,7 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
 
 
 @dataclass(frozen=True)
-class Repeatability:
+class _Repeatability:
     """Deviation of a slope between two repeats of a placement."""
 
     specimen: str
@@ -266,7 +261,7 @@ def _first_repeats(entries: Iterable[SetEntry]) -> list[tuple[SetEntry, SetEntry
 
 def _repeatability_of(
     entry: SetEntry, first: SurfaceEstimate, second: SurfaceEstimate
-) -> Repeatability | None:
+) -> _Repeatability | None:
     """Compare two surfaces with deviations; None without a pixel that is valid in both."""
     valid = first.valid & second.valid
     if first.shape != second.shape or not valid.any():
@@ -279,4 +274,4 @@ def _repeatability_of(
         deviations.append(deviation[valid])
     spread = SIGMA_PER_MAD * float(np.median(np.concatenate(differences))) / np.sqrt(2.0)
     stated = float(np.median(np.concatenate(deviations)))
-    return Repeatability(entry.specimen, entry.orientation_deg, float(spread), stated)
+    return _Repeatability(entry.specimen, entry.orientation_deg, float(spread), stated)

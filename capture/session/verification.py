@@ -13,10 +13,9 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.archive import JOURNAL, is_set_aside
 from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.ome_tiff import read_header
-from classify import TextureLibrary
+from classify import DefectModel, TextureLibrary
 from classify.base.errors import InputError
 from classify.defects.defect_model import SUFFIX as DEFECTS_SUFFIX
-from classify.defects.defect_model import DefectModel
 from classify.library.ps4lib import SUFFIX as LIBRARY_SUFFIX
 from classify.pieces.piece_model import SUFFIX as PIECES_SUFFIX
 from classify.pieces.piece_model import PieceModel
@@ -24,7 +23,7 @@ from rig.set_file import OtherVersionError
 
 from .folder import SETS, SessionFolder
 
-State = Literal[
+_State = Literal[
     "good",
     "missing",
     "altered",
@@ -48,7 +47,7 @@ class FileFinding:
     """The state of a file; `details` is empty for a good file."""
 
     path: Path
-    state: State
+    state: _State
     details: str = ""
 
 

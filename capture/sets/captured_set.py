@@ -22,9 +22,9 @@ from capture.calibration.lookup import (
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from capture.sets import ome_tiff
-from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
+from classify import Calibration, Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
+from classify.base.arrays import BoolArray
 from classify.base.errors import InputError
-from classify.calibration.calibration import Calibration
 from classify.images import ImageStack
 
 from .metadata import SetMetadata, image_noise
@@ -58,7 +58,7 @@ class CapturedSet:
     images: npt.NDArray[np.uint16]
     ambient: npt.NDArray[np.uint16] | None
     metadata: SetMetadata
-    mask: npt.NDArray[np.bool_] | None = None
+    mask: BoolArray | None = None
     path: Path | None = field(default=None, repr=False)
     calibration: CalibrationFile | None = field(default=None, repr=False)
     # Images, ambient image and mask of which the metadata have the hash, if it is known.
@@ -279,9 +279,9 @@ class LoadedSet:
         """Scale of the calibration in use, else the one given at import; None if it is unknown."""
         if self.calibration is not None and self.calibration.mm_per_px is not None:
             return self.calibration.mm_per_px
-        ids, found = self.captured.metadata.calibration_ids, self.found_calibration
+        ids, used = self.captured.metadata.calibration_ids, self.found_calibration
         # The recorded scale may be that of the named calibration: it holds with that one only.
-        is_named = found is not None and found.file.hash in ids
+        is_named = used is not None and used.file.hash in ids
         return self.captured.metadata.mm_per_px if is_named or not ids else None
 
     @property

@@ -13,14 +13,12 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from capture.base.errors import ImportCause
-from classify import Lighting
-from classify.base.arrays import Array
+from classify import Calibration, Lighting, SensorNoise
+from classify.base.arrays import Array, BoolArray, Floats
 from classify.base.errors import InputError
-from classify.calibration.calibration import Calibration
-from classify.images import ImageStack, SensorNoise
+from classify.images import ImageStack
 from classify.lights.agreement import LightAgreement, light_agreement
 from classify.lights.algebra import drop_one_constants
 from classify.lights.shading import ShadingOrder, explained_detail, shading_of, shading_order
@@ -50,7 +48,7 @@ class LightImages:
         return _mean(self.ambient)
 
     @cached_property
-    def signals(self) -> npt.NDArray[np.float64]:
+    def signals(self) -> Floats:
         """(N,) mean of each light image above the ambient one."""
         return np.array([_mean(image) for image in self.images]) - self.ambient_mean
 
@@ -126,7 +124,7 @@ class _Finding:
 
 
 def check_photographs(
-    images: LightImages, mask: npt.NDArray[np.bool_] | None, calibration: Calibration
+    images: LightImages, mask: BoolArray | None, calibration: Calibration
 ) -> tuple[list[_Finding], ChecksRecord]:
     """Check photographs inside `mask` (H, W); four lights are compared after the calibration."""
     shading = shading_of(images.images, images.ambient, images.full_scale, mask)
@@ -159,7 +157,7 @@ def _equal(images: LightImages) -> Iterator[_Finding]:
             yield _Finding(ImportCause.EQUAL_IMAGES, text, refutes=True)
 
 
-def _levels(images: LightImages, mask: npt.NDArray[np.bool_] | None) -> Iterator[_Finding]:
+def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
     inside = np.ones(images.ambient.shape, np.bool_) if mask is None else mask
     ambient = float(images.ambient[inside].mean())
     if ambient > acceptance.MAX_AMBIENT_SHARE * images.full_scale:
@@ -206,7 +204,7 @@ def _listed(names: Collection[str]) -> str:
     return first if len(names) <= _LISTED else f"{first} and {len(names) - _LISTED} more"
 
 
-def _detail(images: LightImages, explained: npt.NDArray[np.float64]) -> Iterator[_Finding]:
+def _detail(images: LightImages, explained: Floats) -> Iterator[_Finding]:
     if len(images.images) < 4:  # three images may well be independent
         return
     for name, share in zip(images.names, explained.tolist(), strict=False):

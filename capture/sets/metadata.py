@@ -7,9 +7,9 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import AfterValidator, Field, FiniteFloat, StrictBool, StrictInt
 
-from classify import Lighting
+from classify import Lighting, SensorNoise
 from classify.base.models import Record
-from classify.images import ROUNDING_VARIANCE, SensorNoise
+from classify.images import ROUNDING_VARIANCE
 from rig import ControllerIdentity, Placement
 
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
@@ -24,9 +24,9 @@ def _printable(text: str | None) -> str | None:
     return text
 
 
-Text = Annotated[str, AfterValidator(_printable)]
+_Text = Annotated[str, AfterValidator(_printable)]
 # Value of a property of a specimen; dates are ISO 8601.
-Property = StrictBool | Annotated[StrictInt, Field(ge=-(2**63), lt=2**63)] | FiniteFloat | Text
+Property = StrictBool | Annotated[StrictInt, Field(ge=-(2**63), lt=2**63)] | FiniteFloat | _Text
 PROPERTY_PREFIX = "properties."
 
 
@@ -135,10 +135,10 @@ class SetMetadata(Record):
     """The metadata of a captured set; ``reference/files.md`` lists all fields."""
 
     schema_version: Literal[6] = Field(default=6, description="sets of another version are refused")
-    label: Text | None = Field(description="texture class of the part")
-    specimen: Text | None = Field(default=None, description="the piece")
-    operator: Text | None = Field(default=None, description="who captured it")
-    note: Text | None = Field(default=None, description="anything else")
+    label: _Text | None = Field(description="texture class of the part")
+    specimen: _Text | None = Field(default=None, description="the piece")
+    operator: _Text | None = Field(default=None, description="who captured it")
+    note: _Text | None = Field(default=None, description="anything else")
     properties: dict[str, Property] = Field(
         default_factory=dict,
         description="further values of the piece by name: texts, numbers, truth values, dates",
@@ -179,7 +179,7 @@ class SetMetadata(Record):
     gamma_source: Literal["stated", "given", "assumed"] | None = Field(
         default=None, description="by the files, by the user, by default"
     )
-    photographed: Text | None = Field(
+    photographed: _Text | None = Field(
         default=None, description="date of photographs; local time if it has no offset"
     )
     calibration_ids: tuple[str, ...] = Field(default=(), description="SHA-256 of the calibration")

@@ -5,18 +5,17 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Literal, cast, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 import numpy.typing as npt
 
 from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
-from classify import Lighting
-from classify.base.arrays import BoolArray
+from classify import Calibration, Lighting
+from classify.base.arrays import Array, BoolArray
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
-from classify.calibration.calibration import Calibration
 from classify.lights.algebra import require_solvable
 from classify.methods import checked_label
 from rig.image_file import read_image_file
@@ -145,7 +144,7 @@ def read_mask(
     return mask
 
 
-def _read_alike(paths: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], list[ImageMetadata]]:
+def _read_alike(paths: Sequence[Path]) -> tuple[list[Array], list[ImageMetadata]]:
     """Read images that must agree in size, depth and orientation."""
     read = [read_image_file(path) for path in paths]
     first, first_metadata = read[0]
@@ -170,7 +169,7 @@ def _read_alike(paths: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], list[Ima
     return [image for image, _ in read], [metadata for _, metadata in read]
 
 
-def _cropped(image: npt.NDArray[Any], crop: Crop | None) -> npt.NDArray[Any]:
+def _cropped(image: Array, crop: Crop | None) -> Array:
     if crop is None:
         return image
     x, y, width, height = crop
@@ -183,7 +182,7 @@ def _cropped(image: npt.NDArray[Any], crop: Crop | None) -> npt.NDArray[Any]:
     return np.ascontiguousarray(image[y : y + height, x : x + width])
 
 
-def _depth(images: Sequence[npt.NDArray[Any]], bits: int | None) -> tuple[int, int, int | None]:
+def _depth(images: Sequence[Array], bits: int | None) -> tuple[int, int, int | None]:
     """Depth of the data, saturation value, and largest value if depth was guessed."""
     file_bits = 8 * images[0].dtype.itemsize
     largest = max(int(image.max()) for image in images)
@@ -210,9 +209,7 @@ def _guessed_depth(largest: int, used_bits: int) -> int:
     return next(depth for depth in _DEPTHS if largest < 1 << depth)
 
 
-def _linear_luminance(
-    image: npt.NDArray[Any], full_scale: int, srgb: bool
-) -> npt.NDArray[np.uint16]:
+def _linear_luminance(image: Array, full_scale: int, srgb: bool) -> npt.NDArray[np.uint16]:
     levels = np.arange(np.iinfo(image.dtype).max + 1, dtype=np.float32) / np.float32(full_scale)
     levels = np.minimum(levels, np.float32(1.0))
     if srgb:
@@ -226,7 +223,7 @@ def _linear_luminance(
     return stored
 
 
-def _size(image: npt.NDArray[Any]) -> str:
+def _size(image: Array) -> str:
     return f"{image.shape[1]} x {image.shape[0]}"
 
 

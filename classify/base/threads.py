@@ -63,7 +63,7 @@ class Task(Generic[_Result]):
                 raise  # KeyboardInterrupt must also end the thread in which it was raised
 
 
-class Workers:
+class _Workers:
     """Threads that run queued tasks in order, long ones first; thread n on `processors[n]`.
 
     `count` is one fewer than the threads that may compute: the caller that waits for a result runs
@@ -150,7 +150,7 @@ _MAX_THREADS = 1024  # more than processors of any machine, fewer than the syste
 
 _count: int | None = None
 _is_bound = False
-_workers: Workers | None = None
+_workers: _Workers | None = None
 _lock = threading.Lock()
 
 
@@ -248,7 +248,7 @@ def run_on_rows(
         map_in_threads(lambda strip: function(*strip), strips)
 
 
-def _kept_workers() -> Workers:
+def _kept_workers() -> _Workers:
     """The thread pool of this process; starting threads takes as long as a small frame."""
     global _workers
     count = thread_count() - 1
@@ -256,11 +256,11 @@ def _kept_workers() -> Workers:
         if _workers is None or _workers.count != count:
             if _workers is not None:
                 _workers.end()
-            _workers = Workers(count, usable_processors()[1:] if _is_bound else ())
+            _workers = _Workers(count, usable_processors()[1:] if _is_bound else ())
         return _workers
 
 
-def _end_workers() -> Workers | None:
+def _end_workers() -> _Workers | None:
     global _workers
     with _lock:
         workers, _workers = _workers, None

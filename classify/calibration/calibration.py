@@ -148,7 +148,7 @@ def _offset_in_light(dark: Dark, response: Response | None, full_scale: float) -
     return float(offset[0])
 
 
-def undistorted(stack: ImageStack, scale: Scale, full_scale: float) -> ImageStack:
+def _undistorted(stack: ImageStack, scale: Scale, full_scale: float) -> ImageStack:
     """The images of a lens without distortion, by bilinear interpolation."""
     maps = _source_of_pixels(scale, stack.shape)
 
@@ -297,7 +297,7 @@ class Calibration:
             offset = _offset_in_light(dark, response, full_scale)
             stack = ImageStack(_without_offset(stack.images, offset, full_scale), None)
         if self.scale is not None and self.scale.distortion is not None:
-            stack = undistorted(stack, self.scale, full_scale)
+            stack = _undistorted(stack, self.scale, full_scale)
         return stack
 
     def corrected_mask(self, mask: BoolArray) -> BoolArray:

@@ -19,7 +19,7 @@ from .led_positions import Aim, fit_led_positions
 from .plate import check_evenness, check_sheet, is_known
 
 _DriftKind = Kind | Literal["unexplained"]
-Status = Literal["ok", "warning", "fault"]
+_Status = Literal["ok", "warning", "fault"]
 
 # Blocks along each side of the frame; changes are smooth and need no more.
 _JOINED = 8
@@ -53,7 +53,7 @@ class _DriftCause:
 
     kind: _DriftKind
     light: int | None  # index; None for a change that all lights share
-    status: Status
+    status: _Status
     seen: str  # what was found, with numbers
     advice: str  # what to do
 
@@ -71,7 +71,7 @@ class Drift:
     shows_moved_lights: bool  # whether a moved light or camera would show on the sheet
 
     @property
-    def status(self) -> Status:
+    def status(self) -> _Status:
         """The worst status of the causes."""
         return _worst(*(cause.status for cause in self.causes))
 
@@ -148,15 +148,15 @@ def _block_sums(values: Floats) -> Floats:
     return np.asarray(parts.sum(axis=(-1, -3)), np.float64)
 
 
-def _worst(*statuses: Status) -> Status:
+def _worst(*statuses: _Status) -> _Status:
     return max(statuses, key=_severity, default="ok")
 
 
-def _severity(status: Status) -> int:
+def _severity(status: _Status) -> int:
     return ("ok", "warning", "fault").index(status)
 
 
-def _status(amount: float, limits: tuple[float, float]) -> Status:
+def _status(amount: float, limits: tuple[float, float]) -> _Status:
     return "fault" if amount > limits[1] else "warning" if amount > limits[0] else "ok"
 
 

@@ -43,7 +43,6 @@ class PlateBlocks:
     logs: Floats  # (S, N, 32, 32) of the mean values less ambient light; 0 where not `usable`
     usable: BoolArray  # (S, 32, 32), false where too much is outside the mask or saturated
     relief: Floats  # (S, 32, 32) robust scatter in a block of a light's ratio to the mean
-    grain: Floats  # (S, 32, 32) robust scatter in a block of the mean of all lights
     saturated: Floats  # (S, N) share of pixels within the mask
     levels: Floats  # (S, N) median less ambient light, as a share of full scale
     x: Floats  # (32,) in half of the longer side
@@ -59,8 +58,8 @@ class PlateBlocks:
         maps = (_of_placement(placement, full_scale, mask) for placement in placements)
         rows, columns = ((np.arange(BLOCKS) + 0.5) * length / BLOCKS - 0.5 for length in shape)
         x, y = coordinates(rows, columns, shape)
-        logs, usable, relief, grain, saturated, levels = map(np.stack, zip(*maps, strict=True))
-        return cls(logs, usable, relief, grain, saturated, levels, x, y, shape)
+        logs, usable, relief, saturated, levels = map(np.stack, zip(*maps, strict=True))
+        return cls(logs, usable, relief, saturated, levels, x, y, shape)
 
     @property
     def ratios(self) -> Floats:
@@ -72,7 +71,7 @@ class PlateBlocks:
 def _of_placement(
     stack: ImageStack, full_scale: float, mask: BoolArray | None
 ) -> tuple[Array, ...]:
-    """The first six fields of `PlateBlocks`, from logs to levels, without the axis S."""
+    """The first five fields of `PlateBlocks`, from logs to levels, without the axis S."""
     rows, columns = (BLOCKS * min(max(side // BLOCKS, 1), _CELLS) for side in stack.shape)
     cells = (rows, columns)
     ambient = np.float32(0.0) if stack.ambient is None else stack.ambient.astype(np.float32)
@@ -103,7 +102,6 @@ def _of_placement(
         np.where(usable, np.log(np.where(usable, means, 1.0)), 0.0),
         usable,
         relief,
-        grain,
         (saturated & part).sum(axis=(1, 2)) / inside,
         np.array([np.median(light[good]) if good.any() else 0.0 for light in values]) / full_scale,
     )

@@ -75,7 +75,7 @@ def _compare_profiles(test: FloatMap, references: FloatMap, _: Parameters) -> Co
     """Mean relative error of polar and radial spectra, of M and A, at one shift."""
     polar, radial = test[:, :ANGLES], test[:, ANGLES:]
     polar_references, radial_references = references[..., :ANGLES], references[..., ANGLES:]
-    shifts = shifts_by_polar(polar[:, None], polar_references[:, :, None])
+    shifts = _shifts_by_polar(polar[:, None], polar_references[:, :, None])
     shifted = roll_angles(polar, shifts)
     shares = [
         np.square(one[:, channel] - other[:, channel], dtype=np.float64).sum(axis=-1)
@@ -96,7 +96,7 @@ def _energy(rows: npt.NDArray[np.floating]) -> Floats:
     return sums
 
 
-def shifts_by_polar(test: FloatMap, references: FloatMap) -> Floats:
+def _shifts_by_polar(test: FloatMap, references: FloatMap) -> Floats:
     """(n,) shifts of least squared error between 1D polar spectra, in grid steps."""
     errors_1d = np.zeros((len(references), test.shape[-1]))
     for channel in range(2):
@@ -122,7 +122,7 @@ def _compare_2d(test: FloatMap, references: FloatMap, _: Parameters) -> Comparis
     The 1D polar spectra give the shift of least squared error, at which the 2D spectra are compared
     (thesis scheme 9.3); errors of M and A are each divided by the energy of both signatures.
     """
-    shifts = shifts_by_polar(test, references)
+    shifts = _shifts_by_polar(test, references)
     shifted = roll_angles(test, shifts)
     difference = np.square(shifted - references).sum(axis=(2, 3))
     energy = np.square(shifted).sum(axis=(2, 3)) + np.square(references, dtype=np.float64).sum(

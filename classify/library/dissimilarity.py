@@ -90,8 +90,8 @@ def groups_alike(
     one_way = np.empty((len(rows), len(rows)))
     for number, test in enumerate(tests):
         signature = classifier.signature(test, library.parameters)
-        found = classifier.compare(signature, library.signatures, library.parameters).distances
-        one_way[number] = [found[labels == name].min() for name in names]
+        distances = classifier.compare(signature, library.signatures, library.parameters).distances
+        one_way[number] = [distances[labels == name].min() for name in names]
     both = 0.5 * (one_way + one_way.T)
     np.fill_diagonal(both, 0.0)
     tree = hierarchy.linkage(squareform(both), method="average")

@@ -60,22 +60,8 @@ class Trial:
 
 def nearest_accuracy(trials: Iterable[Trial]) -> float | None:
     """Share of trials whose nearest class is the true one; None without trials."""
-    return _share(trial.nearest_is_correct for trial in trials)
-
-
-def unknown_share(trials: Iterable[Trial]) -> float | None:
-    """Share of trials that were matched with no class; None without trials."""
-    return _share(trial.match.label is None for trial in trials)
-
-
-def nearest_orientation_errors_deg(trials: Iterable[Trial]) -> list[float]:
-    """Orientation errors of the trials whose nearest class is the true one."""
-    return [error for trial in trials if (error := trial.nearest_orientation_error_deg) is not None]
-
-
-def _share(outcomes: Iterable[bool]) -> float | None:
-    counted = list(outcomes)
-    return sum(counted) / len(counted) if counted else None
+    correct = [trial.nearest_is_correct for trial in trials]
+    return sum(correct) / len(correct) if correct else None
 
 
 @dataclass(frozen=True)

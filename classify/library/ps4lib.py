@@ -82,7 +82,7 @@ def _printable(label: str) -> str:
 # `FailFast` and the checks of dictionaries end at the first error. Pydantic keeps a kilobyte of
 # each error, which would turn a header of a few megabytes into gigabytes.
 _Label = Annotated[str, Field(min_length=1), AfterValidator(_printable)]
-Limits = Annotated[dict[str, float], PlainValidator(_checked_limits)]
+_Limits = Annotated[dict[str, float], PlainValidator(_checked_limits)]
 _Uniformities = Annotated[dict[str, Uniformity], PlainValidator(_checked_uniformity)]
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 _Library = TypeVar("_Library", bound="TextureLibrary")
@@ -102,7 +102,7 @@ class _Header(BaseModel):
     classes: Annotated[tuple[_Label, ...], FailFast()] = Field(min_length=1)
     oriented: Annotated[tuple[_Label, ...], FailFast()] = ()
     uniformity: _Uniformities = Field(default_factory=dict)
-    limits: Limits = Field(default_factory=dict)
+    limits: _Limits = Field(default_factory=dict)
     light_directions: Annotated[tuple[_Vector, ...] | None, FailFast()] = None
     sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
     sha256: str  # of the rest and of the arrays

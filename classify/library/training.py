@@ -27,7 +27,7 @@ class TrainingRow(NamedTuple):
     orientation_deg: float | None = None
 
 
-class Learned(NamedTuple):
+class _Learned(NamedTuple):
     """Result of a training; see `TextureLibrary`."""
 
     labels: tuple[str, ...]
@@ -47,7 +47,7 @@ def observe(
     return observation
 
 
-def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, Any]) -> Learned:
+def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, Any]) -> _Learned:
     """Learn from sets; orientations and errors as in `TextureLibrary.train`."""
     if not rows:
         raise LibraryError("nothing to train on; give at least one set")
@@ -81,7 +81,7 @@ def learn_references(rows: Sequence[TrainingRow], classifier: Classifier[Any, An
     sets = np.repeat(np.arange(len(rows)), counts).tolist()
     signatures = np.concatenate([references for references, _ in ordered])
     uniformity = _uniformity(rows, classifier)
-    return Learned(
+    return _Learned(
         labels=labels,
         oriented=tuple(dict.fromkeys(row.label for row in rows if row.orientation_deg is not None)),
         orientations_deg=np.repeat([degrees for _, degrees in ordered], counts),

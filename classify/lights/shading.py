@@ -26,7 +26,7 @@ from classify.images import SIGMA_PER_MAD
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
-Order = tuple[int, ...]
+_Order = tuple[int, ...]
 
 # tests/evidence/photograph_rates.py holds the rates of wrong and of missed refutations
 # that the numbers of this file give.
@@ -65,7 +65,7 @@ _NOISE_KERNEL = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0)) / 6.0
 
 
 @dataclass(frozen=True, eq=False)
-class Shading:
+class _Shading:
     """Second moments of the contrasts of N images, at each scale from fine to coarse."""
 
     contrasts: tuple[Floats, ...]  # (N, N), at pixels lit by all
@@ -79,7 +79,7 @@ class ShadingOrder:
     """Whether the shading fits the order of the lights."""
 
     verdict: Literal["confirmed", "undecided", "refuted"]
-    order: Order | None = None  # the better one, if refuted; None for lights with y pointing down
+    order: _Order | None = None  # the better one, if refuted; None for lights with y pointing down
 
 
 def shading_of(
@@ -87,8 +87,8 @@ def shading_of(
     ambient: Array | None = None,
     full_scale: float = np.inf,
     mask: BoolArray | None = None,
-) -> Shading:
-    """Compute the `Shading` of images (N, H, W) that are linear in light."""
+) -> _Shading:
+    """Compute the `_Shading` of images (N, H, W) that are linear in light."""
     u, usable, lit = _contrasts(images, ambient, full_scale, mask)
     contrasts, noises, shadings, steps = [], [], [], []
     noise = np.array([_noise_variance(plane, usable) for plane in u])
@@ -100,12 +100,12 @@ def shading_of(
             shadings.append(_moments(relief[:, lit]))
             steps.append(_moments(_steps(relief, lit)))
         if min(usable.shape) < 2 * _COARSEST_PX:
-            return Shading(tuple(contrasts), tuple(noises), tuple(shadings), tuple(steps))
+            return _Shading(tuple(contrasts), tuple(noises), tuple(shadings), tuple(steps))
         noise = noise / 4.0  # of the mean of four pixels
         u, usable, lit = _halved(u, usable, lit)
 
 
-def explained_detail(shading: Shading) -> Floats:
+def explained_detail(shading: _Shading) -> Floats:
     """(N,) squared multiple correlation of each image with the others; 1 without detail."""
     explained = []
     for moments, noise in zip(shading.contrasts, shading.noises, strict=True):
@@ -119,7 +119,7 @@ def explained_detail(shading: Shading) -> Floats:
     return np.asarray(np.nan_to_num(np.fmax.reduce(explained), nan=1.0))
 
 
-def shading_order(shading: Shading, lighting: Lighting) -> ShadingOrder:
+def shading_order(shading: _Shading, lighting: Lighting) -> ShadingOrder:
     """Compare the given order of the lights with others, by residual and curl."""
     count = len(lighting)
     if not shading.shadings or count < 3:
@@ -244,7 +244,7 @@ def _misfit(moments: Floats, steps: Floats, tangents: Floats) -> tuple[float, fl
     return math.sqrt(max(residual, 1e-12)), math.sqrt(max(ratio, 1e-12))
 
 
-def _candidates(count: int) -> Iterator[Order | None]:
+def _candidates(count: int) -> Iterator[_Order | None]:
     """Orders to compare, the given one first; None stands for y pointing down."""
     if count <= 4:
         yield from itertools.permutations(range(count))
@@ -255,11 +255,11 @@ def _candidates(count: int) -> Iterator[Order | None]:
     yield None
 
 
-def _reordered(tangents: Floats, order: Order | None) -> Floats:
+def _reordered(tangents: Floats, order: _Order | None) -> Floats:
     return tangents * (1.0, -1.0) if order is None else tangents[list(order)]
 
 
-def _exchanged(shading: Shading, tangents: Floats) -> Order | None:
+def _exchanged(shading: _Shading, tangents: Floats) -> _Order | None:
     """The order with two lights exchanged, if that explains the images much better."""
     count = len(tangents)
     if count < 5:
@@ -271,7 +271,7 @@ def _exchanged(shading: Shading, tangents: Floats) -> Order | None:
         values / np.diag(moments) for moments, values in zip(shading.shadings, given, strict=True)
     )
     suspects = sorted(np.argsort(shares)[-_SUSPECTS:].tolist())
-    best: tuple[float, Order | None] = (_EXCHANGED, None)
+    best: tuple[float, _Order | None] = (_EXCHANGED, None)
     for pair in itertools.combinations(suspects, 2):
         order = list(range(count))
         order[pair[0]], order[pair[1]] = pair[1], pair[0]

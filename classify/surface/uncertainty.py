@@ -19,14 +19,7 @@ from classify.lighting import Lighting
 from classify.lights.near_light import Shear, middle_px
 from classify.shadow_rule import MAYBE_SHADOW, NO_DROPPED_LIGHT
 
-from .deviation_kernels import (
-    FIRST_POWER,
-    KNOWN,
-    OWN,
-    POWERS,
-    propagate_errors,
-    write_completed,
-)
+from .deviation_kernels import FIRST_POWER, KNOWN, OWN, POWERS, propagate_errors, write_completed
 from .estimate import SurfaceEstimate
 
 # Pixels whose residuals give the model error, on a grid; it is blurred by this many grid steps, so

@@ -14,7 +14,7 @@ from rig.errors import LightControllerError
 
 from .serial_line import Patience, SerialLine
 
-BANNER = b"READY "
+_BANNER = b"READY "
 
 _REPLY = re.compile(rb"(?:#(\d{1,5}) )?(OK|ERR)(?: ([ -~]*))?")
 
@@ -145,7 +145,7 @@ class ControllerLink:
             left_s -= patience.left_s
             while (line := self._line.read_line(patience)) is not None:
                 last_line = line
-                if line.startswith(BANNER):
+                if line.startswith(_BANNER):
                     break  # it has just started, and earlier commands are lost: ask again
                 with suppress(Garbled):
                     reply = decode_reply(line)
@@ -188,7 +188,7 @@ class ControllerLink:
     def _reply_to(self, command: str, sequence: int) -> Reply:
         patience = Patience(self._reply_s)
         while (line := self._line.read_line(patience)) is not None:
-            if line.startswith(BANNER):
+            if line.startswith(_BANNER):
                 raise LightControllerError(
                     f"{self.port}: the controller restarted before it answered {command!r}"
                 )

@@ -49,7 +49,7 @@ class View:
         if not all(map(math.isfinite, (self.rotate_deg, *self.shift_px))):
             raise InputError("the angle and the shift of a patch must be finite numbers")
         if not 0.1 <= self.magnification <= 10.0:
-            raise InputError(f"a self.magnification of {self.magnification}; it must be 0.1 to 10")
+            raise InputError(f"a magnification of {self.magnification}; it must be 0.1 to 10")
 
     @property
     def side_px(self) -> int:

@@ -180,7 +180,7 @@ def test_an_outline_is_served_where_there_is_one() -> None:
     with serving(preview, 0) as server:
         assert get(server.url + "overlay.svg")[0] == 404
         assert preview.state()["overlay"] is None
-        preview.guide("turn to 40 degrees", Outline(64, 48, (), is_of_part=True).svg())
+        preview.guide("turn to 40 degrees", Outline(64, 48, ()).svg())
         status, svg, headers = get(server.url + "overlay.svg?1")
         assert (status, headers["Content-Type"]) == (200, "image/svg+xml")
         assert svg.startswith(b"<svg")
@@ -288,7 +288,7 @@ def test_the_page_shows_live_images_in_a_browser(tmp_path: Path) -> None:
 def test_the_lights_are_a_cross_with_the_outline_over_each_image(tmp_path: Path) -> None:
     shown = preview_of_age(0.1)
     line = np.array([(8, 8), (55, 8), (55, 40), (8, 40)], np.float32)
-    shown.guide("rock-1: turn to 40 degrees", Outline(64, 48, (line,), is_of_part=True).svg())
+    shown.guide("rock-1: turn to 40 degrees", Outline(64, 48, (line,)).svg())
     shown.measured("turn it by 3 anticlockwise")
     with serving(shown, 0) as server:
         dom = in_chromium(server.url, tmp_path, "--dump-dom", "--window-size=1200,1600")

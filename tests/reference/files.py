@@ -36,7 +36,7 @@ def files_page() -> str:
             "",
             "## `ps4rig export SET OUT`",
             "",
-            *(f"- `NAME{suffix}` {content}" for suffix, content in FORMATS.items()),
+            *(f"- `NAME{suffix}` {form.content}" for suffix, form in FORMATS.items()),
             f"- a folder: {FOLDER}",
             "",
             "## Plan of a session",

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import progress, reported
+from capture.base.console import reported
 from capture.commands import options
 from classify.base.errors import CalibrationRejected, InputError
 
@@ -18,7 +17,7 @@ from . import flow
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import MeasuredPart
     from capture.sets.photographs import Gamma
-    from classify.calibration.calibration import Calibration
+    from classify import Calibration
     from rig import Rig
 
 
@@ -242,5 +241,5 @@ def _response_of_rig(rig: Rig, calibration: Calibration, yes: bool) -> list[Meas
     require_free_running(rig)
     setting = Setting.of_rig(rig)
     flow.place_target(rig, _SHEET, yes=yes)
-    rungs = rungs_of_rig(rig, calibration, partial(progress, description="exposures"))
+    rungs = rungs_of_rig(rig, calibration)
     return response_parts(rungs, calibration, setting, ("captured",))

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
@@ -29,7 +28,7 @@ from classify.lights.flat_field import FlatField
 
 _MAP_PX = 256  # longer side of the maps of a flat field, which is smooth
 _NOT_KNOWN = "-"
-Drawing = tuple[str, str, str]  # address, title and caption
+_Drawing = tuple[str, str, str]  # address, title and caption
 # What a part is for, and the command that measures it.
 _USES: dict[PartName, tuple[str, str]] = {
     "dark": ("hot pixels, and the offset of sets without an ambient image", "dark"),
@@ -207,12 +206,12 @@ def _small_frame(setting: Setting) -> tuple[int, int]:
     return max(1, round(scale * setting.height_px)), max(1, round(scale * setting.width_px))
 
 
-def _tilts_deg(setting: Setting) -> npt.NDArray[np.float64]:
+def _tilts_deg(setting: Setting) -> Floats:
     directions = np.array(setting.light_directions)
     return np.asarray(np.degrees(np.arctan2(directions[:, 1], directions[:, 0])) % 360.0)
 
 
-def _light_drawings(file: CalibrationFile) -> Iterator[Drawing]:
+def _light_drawings(file: CalibrationFile) -> Iterator[_Drawing]:
     lights, scale = file.calibration.lights, file.calibration.scale
     if lights is None:
         return
@@ -225,7 +224,7 @@ def _light_drawings(file: CalibrationFile) -> Iterator[Drawing]:
     yield svg_uri(side(lights, scale, frame)), "from the side: x to the right, z up", caption
 
 
-def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
+def _camera_drawings(file: CalibrationFile) -> Iterator[_Drawing]:
     calibration = file.calibration
     if calibration.response is not None:
         response = calibration.response
@@ -245,7 +244,7 @@ def _camera_drawings(file: CalibrationFile) -> Iterator[Drawing]:
             yield svg_uri(hot_pixel_map(dark, frame)), f"dark frames{exposure}", caption
 
 
-def _frame(setting: Setting) -> npt.NDArray[np.float64]:
+def _frame(setting: Setting) -> Floats:
     return np.array([setting.width_px, setting.height_px], np.float64)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,9 +16,8 @@ from classify.base.errors import InputError
 from . import flow
 
 if TYPE_CHECKING:
-    import numpy.typing as npt
-
     from capture.calibration.setting import Setting
+    from classify.base.arrays import Array
 
 # A simulated board cannot tilt; it is rotated by this angle from one placement to the next.
 _ROTATION_STEP_DEG = 30.0
@@ -86,7 +85,7 @@ def _corners(text: str) -> tuple[int, int]:
 
 def _boards_at_rig(
     rig: str, square_mm: float, placements: int, yes: bool
-) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
+) -> tuple[list[Array], Setting, list[str]]:
     from capture.calibration.setting import Setting
     from capture.procedures.target_parts import board_of_set
     from rig import open_rig
@@ -104,7 +103,7 @@ def _boards_at_rig(
         return pictures, Setting.of_rig(opened), ["captured"]
 
 
-def _boards_in_files(sources: Sequence[Path]) -> tuple[list[npt.NDArray[Any]], Setting, list[str]]:
+def _boards_in_files(sources: Sequence[Path]) -> tuple[list[Array], Setting, list[str]]:
     from capture.calibration.setting import Setting
     from capture.procedures.target_parts import board_of_set
     from capture.sets.captured_set import CapturedSet

@@ -7,15 +7,7 @@ the prefix ``V4L2_``.
 from __future__ import annotations
 
 import ctypes
-from ctypes import (
-    Array,
-    c_char,
-    c_int32,
-    c_int64,
-    c_uint8,
-    c_uint32,
-    c_uint64,
-)
+from ctypes import Array, c_char, c_int32, c_int64, c_uint8, c_uint32, c_uint64
 from enum import IntEnum
 
 

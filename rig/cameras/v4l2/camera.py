@@ -9,14 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.cameras.camera import (
-    CameraInfo,
-    Frame,
-    FrameFlag,
-    ListedCamera,
-    Pixels,
-    require_exposure,
-)
+from rig.cameras.camera import CameraInfo, Frame, FrameFlag, ListedCamera, Pixels, require_exposure
 from rig.errors import CameraError
 
 from .abi import Cid

@@ -13,13 +13,7 @@ from rig.cameras.config import DeviceCameraConfig, FormattedCameraConfig
 from rig.errors import CameraError, ControlError, ControlFault
 
 from . import abi
-from .controls import (
-    Control,
-    check_control,
-    find_control,
-    read_control,
-    write_control,
-)
+from .controls import Control, check_control, find_control, read_control, write_control
 from .device import V4l2Device, device_path
 from .pixel_formats import PIXEL_FORMATS
 

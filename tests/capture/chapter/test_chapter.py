@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture.chapter.exhibits import reproduce
 from capture.chapter.plan import (
     Conditions,
     Experiment,
@@ -19,7 +20,6 @@ from capture.chapter.plan import (
     thirty_textures,
 )
 from capture.chapter.results import Trials
-from capture.chapter.run import reproduce
 from capture.chapter.runs import CachedPatch, System, render_patch, solve
 from classify import Match, Trial
 from rig import SYNTHETIC_30, SYNTHETIC_TEXTURES

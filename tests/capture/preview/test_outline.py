@@ -55,7 +55,6 @@ def test_the_turned_outline_lies_on_the_turned_part(
     made_set: MakeSet, angle_deg: float, ground: float
 ) -> None:
     outline = outline_of(photographed(made_set, 0.0, ground=ground))
-    assert outline.is_of_part
     assert len(outline.lines) == 1
     turned = outline.rotated(angle_deg)
     assert np.percentile(gap_px(turned, part_mask(angle_deg)), 95) < 2.5
@@ -74,7 +73,6 @@ def test_a_mask_of_the_set_is_its_outline(made_set: MakeSet) -> None:
     mask = part_mask(20.0)
     flat = np.full((4, SIDE_PX, SIDE_PX), 20_000, np.uint16)
     outline = outline_of(made_set(flat, mask=mask))
-    assert outline.is_of_part
     assert gap_px(outline, mask).max() <= 1.5
 
 
@@ -83,7 +81,6 @@ def test_a_texture_that_fills_the_frame_is_drawn_by_its_edges(made_set: MakeSet)
     relief = [cv2.GaussianBlur(rng.normal(size=(SIDE_PX, SIDE_PX)), (0, 0), 3.0) for _ in range(4)]
     pixels = (30_000 + 100_000 * np.array(relief)).clip(0, 65535).astype(np.uint16)
     outline = outline_of(made_set(pixels))
-    assert not outline.is_of_part
     assert 5 < len(outline.lines) <= 300
 
 
@@ -96,9 +93,9 @@ def test_an_even_frame_has_no_outline(made_set: MakeSet, value: int) -> None:
 
 def test_the_image_has_the_size_of_the_frame_and_closed_lines() -> None:
     line = np.array([(0.0, 0.0), (10.0, 0.0), (10.0, 5.0)], np.float32)
-    svg = ET.fromstring(Outline(20, 10, (line,), is_of_part=True).svg())
+    svg = ET.fromstring(Outline(20, 10, (line,)).svg())
     assert svg.attrib["viewBox"] == "0 0 20 10"
     assert [path.attrib["d"] for path in svg] == ["M0.5 0.5L10.5 0.5L10.5 5.5Z"] * 2
     # A quarter turn anticlockwise about the middle of a frame of 21 x 11 px.
-    turned = Outline(21, 11, (line,), is_of_part=True).rotated(90.0)
+    turned = Outline(21, 11, (line,)).rotated(90.0)
     np.testing.assert_allclose(turned.lines[0], [(5.0, 15.0), (5.0, 5.0), (10.0, 5.0)], atol=1e-4)

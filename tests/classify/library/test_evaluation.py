@@ -10,8 +10,6 @@ from hypothesis import strategies as st
 from classify import InputError, Match, Trial, evaluate
 from classify.library.evaluation import (
     nearest_accuracy,
-    nearest_orientation_errors_deg,
-    unknown_share,
 )
 
 ANGLES = st.floats(-720, 720)
@@ -38,10 +36,10 @@ def test_a_rejected_trial_counts_by_its_nearest_class_too() -> None:
         Trial("b", 10.0, answer("a", 10.0)),
     ]
     assert evaluate(trials, "ab").accuracy == 0.25
-    assert nearest_accuracy(trials) == unknown_share(trials) == 0.5
+    assert nearest_accuracy(trials) == 0.5
     assert evaluate(trials, "ab").orientation_error_deg.median == 2.0
-    assert nearest_orientation_errors_deg(trials) == [2.0, 4.0]
-    assert nearest_accuracy([]) is unknown_share([]) is None
+    assert [trial.nearest_orientation_error_deg for trial in trials] == [2.0, 4.0, None, None]
+    assert nearest_accuracy([]) is None
 
 
 def test_no_orientation_error_without_truth_or_with_the_wrong_class() -> None:

@@ -11,7 +11,6 @@ from capture.chapter.output import Cell, Exhibit, Row
 from capture.chapter.plan import BEST_SOLVER, OURS, SOLVERS, THESIS, TestRun
 from capture.chapter.results import CLASSIFIER_TITLES, SOLVER_TITLES
 from capture.chapter.runs import System
-from classify.library.evaluation import unknown_share
 
 from .plan import OpenSetRun
 from .results import DIRECTIONAL_SHARPNESS, TextureResults
@@ -140,7 +139,8 @@ def _robustness(results: TextureResults) -> Exhibit:
     rows: list[Row] = []
     for test in experiment.tests:
         ours = System("robustness", test.name, BEST_SOLVER, OURS)
-        unknown_pct = 100.0 * (unknown_share(results.trials[ours]) or 0.0)
+        unknown = [trial.match.label is None for trial in results.trials[ours]]
+        unknown_pct = 100.0 * sum(unknown) / max(len(unknown), 1)
         errors = _median_and_p95(results.orientation_errors_deg(ours))
         ours_pct, thesis_pct = (
             results.trials.accuracy_pct(*ours._replace(classifier=name)) for name in (OURS, THESIS)

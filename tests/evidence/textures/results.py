@@ -9,7 +9,6 @@ import numpy.typing as npt
 from capture.chapter.plan import OURS
 from capture.chapter.results import Trials
 from capture.chapter.runs import System
-from classify.library.evaluation import nearest_orientation_errors_deg
 
 from .open_set import Outcome
 from .plan import TexturePlan
@@ -37,11 +36,10 @@ class TextureResults:
         """Errors of correct matches on patches in which our classifier sees a direction."""
         trials = self.trials
         ours = trials[system._replace(classifier=OURS)]
-        return np.array(
-            nearest_orientation_errors_deg(
-                trial
-                for reference, trial in zip(ours, trials[system], strict=True)
-                if reference.nearest_is_correct
-                and (reference.match.sharpness or 0.0) > DIRECTIONAL_SHARPNESS
-            )
-        )
+        return np.array([
+            error_deg
+            for reference, trial in zip(ours, trials[system], strict=True)
+            if reference.nearest_is_correct
+            and (reference.match.sharpness or 0.0) > DIRECTIONAL_SHARPNESS
+            and (error_deg := trial.nearest_orientation_error_deg) is not None
+        ])  # fmt: skip
