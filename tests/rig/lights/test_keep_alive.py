@@ -6,6 +6,7 @@ import subprocess
 import sys
 import threading
 import time
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -14,7 +15,7 @@ from firmware_sim import RealClock, SimulatedBoard, SimulatedController, Virtual
 from rig import LightControllerError, RigConfig, open_rig
 from rig.lights.driver import LightController
 from rig.lights.keep_alive import KeepAliveClock, KeepAliveThread
-from rig.lights.link import LinkTimeouts
+from rig.lights.link import ControllerLink, LinkTimeouts, Reply
 
 SMALL = RigConfig().with_changes(
     camera={"width_px": 32, "height_px": 32}, lights={"watchdog_ms": 400}
@@ -92,20 +93,26 @@ def test_nothing_is_sent_during_an_exchange(bench: Any) -> None:
 def test_no_keep_alive_comes_between_a_state_and_its_check(
     bench: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with LightController(bench.port, clock=bench.clock, watchdog_ms=400) as lights:
-        exchange = lights._exchange
-
-        def slow(command: str) -> Any:
-            reply = exchange(command)
+    class Slow(str):
+        def count(self, *arguments: Any) -> int:
             bench.clock.sleep_s(0.3)  # the program stands still, and a keep-alive is due
             thread = threading.Thread(target=lights.keep_alive_if_due)
             thread.start()
             thread.join()
-            return reply
+            return super().count(*arguments)
 
-        with monkeypatch.context() as context:
-            context.setattr(lights, "_exchange", slow)
-            assert lights.state().led is None
+    ask = ControllerLink.ask
+
+    def slow(link: ControllerLink, command: str) -> Reply:
+        reply = ask(link, command)
+        asked_here = threading.current_thread() is test_thread
+        return replace(reply, text=Slow(reply.text)) if asked_here else reply
+
+    test_thread = threading.current_thread()
+    with LightController(bench.port, clock=bench.clock, watchdog_ms=400) as lights:
+        monkeypatch.setattr(ControllerLink, "ask", slow)
+        assert lights.state().led is None
+        monkeypatch.undo()
 
 
 def test_the_next_exchange_raises_a_failed_keep_alive_once() -> None:

@@ -6,7 +6,6 @@ import pytest
 
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.store import RefusedTrigger
-from capture.station.run import refusals
 from capture.station.run.events import TriggerRefused
 from capture.station.run.refusals import MOST_WAITING, Refusals
 from capture.station.run.triggers import Trigger
@@ -31,10 +30,7 @@ class BusyStore:
 
 
 @pytest.mark.parametrize("is_away", [False, True])
-def test_what_comes_while_rows_are_written_is_counted(
-    is_away: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(refusals, "_ROWS_PER_S", 1e9)
+def test_what_comes_while_rows_are_written_is_counted(is_away: bool) -> None:
     events: list[TriggerRefused] = []
     waiting = Refusals(events.append, lambda _: None)
     store = BusyStore(is_away=is_away)
