@@ -84,8 +84,15 @@ def test_the_end_waits_for_the_last_answer_and_no_longer(monkeypatch: pytest.Mon
     live = LiveStation("line-1", simulated=True)
     live.attach(Slow())  # type: ignore[arg-type]
     line = PlcLine(live, Handshake(session=7, is_trigger=True, station=live.state), last_s=WAIT_S)
-    is_done = line._is_done
-    monkeypatch.setattr(line, "_is_done", lambda: waits.set() or is_done())
+    is_busy = Handshake.is_busy.fget
+    assert is_busy is not None
+
+    def seen_busy(handshake: Handshake) -> bool:
+        if threading.current_thread() is threading.main_thread() and asked.is_set():
+            waits.set()
+        return bool(is_busy(handshake))
+
+    monkeypatch.setattr(Handshake, "is_busy", property(seen_busy))
     with line:
         ask_for(line, 1, "A-1")
         assert asked.wait(WAIT_S)

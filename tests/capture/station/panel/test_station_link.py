@@ -300,26 +300,22 @@ def test_a_panel_that_reads_nothing_is_cut_and_delays_nobody(
             assert json.loads(lines.readline())["snapshot"]["event_id"] == 5 * MOST_WAITING
 
 
-def test_a_panel_whose_reply_finds_lost_events_begins_anew(
+def test_a_panel_that_leaves_while_the_run_looks_for_its_own_end_is_let_go(
     folder: StationFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The other thread looks at the same moment whether the run has ended."""
-    panels, make = list[live_socket._Panel](), live_socket._Panel
+    is_closed = Subscription.is_closed.fget
+    assert is_closed is not None
 
-    def made(connection: socket.socket, live: LiveStation) -> live_socket._Panel:
-        panels.append(make(connection, live))
-        return panels[-1]
+    def left_meanwhile(subscription: Subscription) -> bool:
+        was_closed = bool(is_closed(subscription))
+        if not left:
+            left.append(subscription)
+            connection.shutdown(socket.SHUT_WR)
+            until(lambda: "live requests" not in {thread.name for thread in threading.enumerate()})
+        return was_closed
 
-    def is_closed(subscription: Subscription) -> bool:
-        if not lost:
-            lost.append(subscription)
-            subscription.lose()
-            panels[0]._send(b"")
-        return subscription._is_closed
-
-    lost: list[Subscription] = []
-    monkeypatch.setattr(live_socket, "_Panel", made)
-    monkeypatch.setattr(Subscription, "is_closed", property(is_closed))
+    left: list[Subscription] = []
+    monkeypatch.setattr(Subscription, "is_closed", property(left_meanwhile))
     with running(folder) as live, connected(folder) as connection:
         until(lambda: live.snapshot().subscribers == 1)
         live.announce({"event": "filler"})
