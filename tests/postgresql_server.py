@@ -3,7 +3,6 @@
 import os
 import shutil
 import signal
-import socket
 import subprocess
 import tempfile
 import time
@@ -11,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from .free_port import free_port
 from .suites import postgresql_program
 
 _USER = "postgres" if os.getuid() == 0 else None  # initdb and the server refuse to run as root
@@ -28,9 +28,7 @@ class PostgresqlServer:
     def __init__(self, folder: Path) -> None:
         self._data = folder / "data"
         self._log = folder / "server.log"
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self._port = probe.getsockname()[1]
+        self._port = free_port()
         self.url = self.url_of("results")
         self._run("initdb", "--auth=trust", "--username=ps4rig", "--encoding=UTF8",
                   "--locale=C", "--no-sync", str(self._data))  # fmt: skip

@@ -26,7 +26,7 @@ def start(*options: str, **settings: object) -> subprocess.Popen[str]:
 
 
 def identity(address: str) -> bytes:
-    with serial.serial_for_url(address, timeout=5.0) as port:
+    with serial.serial_for_url(address, timeout=60.0) as port:
         port.write(b"*IDN?\n")
         return port.read_until(b"\n")
 

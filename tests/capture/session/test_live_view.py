@@ -30,7 +30,7 @@ class Operator:
     def ask(self, question: Question) -> Answer:
         if isinstance(question, PlaceSpecimen):
             with self.view.placing(question):
-                deadline_s = time.monotonic() + 60.0
+                deadline_s = time.monotonic() + 120.0
                 while not self._wanted(self.view.preview.state()):
                     assert time.monotonic() < deadline_s, self.view.preview.state()
                     time.sleep(0.01)

@@ -62,8 +62,9 @@ def taught_station(folder: Path, side_px: int = SIDE_PX, **config: object) -> Pa
 
 
 def configure(folder: Path, **config: object) -> None:
-    """Let a station run as fast as it can; `config` replaces its keys."""
-    keys = {"timer_s": 0.0, "disk_floor_mb": 50, "reconnect_s": 0.05, **config}
+    """Let a station run as fast as a busy machine can; `config` replaces its keys."""
+    keys = {"timer_s": 0.0, "max_trigger_age_s": 60.0, "disk_floor_mb": 50, "reconnect_s": 0.05}
+    keys |= config
     text = (folder / CONFIG).read_text(encoding="utf-8")
     kept = [line for line in text.splitlines() if line.split(" ")[0] not in keys]
     lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]

@@ -146,10 +146,11 @@ def test_an_interrupt_reaches_both_threads() -> None:
 def test_a_process_ends_while_a_kept_thread_computes() -> None:
     code = """
 from classify.base.threads import beside, set_thread_count
-import time
+import threading, time
 set_thread_count(2)
-beside(lambda: (time.sleep(0.2), print("done", flush=True)))
-time.sleep(0.1)
+began = threading.Event()
+beside(lambda: (began.set(), time.sleep(0.2), print("done", flush=True)))
+began.wait()
 """
     ended = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True

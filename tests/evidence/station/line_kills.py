@@ -54,6 +54,7 @@ from tests.capture.station.two_recipes import (
     station_with_two_recipes,
 )
 from tests.evidence.station.watched_panel import be_the_browser, be_the_panel
+from tests.free_port import free_port
 from tests.postgresql_server import PostgresqlServer
 
 # A kill comes after up to so many parts, and so much later: longer than a part takes.
@@ -166,8 +167,7 @@ def killed_line(
         listener = socket.create_server((_HOST, 0))
         sides += ["panel", "database"]
         watchers.append(lambda: be_the_browser(listener.getsockname()[1], journal.write))
-    with socket.create_server((_HOST, 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
 
     def start(which: str, number: int) -> int:
         if which == "station":

@@ -65,10 +65,12 @@ def listed() -> list[ListedCamera]:
 
 @pytest.fixture
 def simulation(monkeypatch: pytest.MonkeyPatch) -> Iterator[Simulation]:
-    """A rig whose LEDs answer on a port, and whose camera is of the new kind."""
+    """A rig whose LEDs answer on a port, and whose camera is of the new kind, the only listed."""
     config = RigConfig().with_changes(camera=SIZE, simulation={"clock": "real"})
     simulation = Simulation(config)
     row = CameraKind(FactoryCameraConfig, lambda camera: FactoryCamera(camera, simulation), listed)
+    for name, kind in CAMERA_KINDS.items():
+        monkeypatch.setitem(CAMERA_KINDS, name, replace(kind, lister=None))
     monkeypatch.setitem(CAMERA_KINDS, "factory", row)
     yield simulation
     simulation.close()

@@ -204,8 +204,13 @@ def test_damaged_replies_never_acknowledge_a_switch_that_did_not_happen(
                 line.clock.sleep_s(0.01)
                 assert line.board.output(led, line.clock.now_s()) > 0.99
         damage.plan, damage.late = [], []
-        # A busy machine may be slower than the short time-out.
+        # A busy machine may be slower than the short time-out, here and when it is opened.
         assert any(recovered() for _ in range(100))
+
+    def opened() -> LightController | None:
+        with suppress(LightControllerError):
+            return LightController(line.port, timeouts=LinkTimeouts(reply_s=0.03))
+        return None
 
     def recovered() -> bool:
         with suppress(LightControllerError):
@@ -213,7 +218,7 @@ def test_damaged_replies_never_acknowledge_a_switch_that_did_not_happen(
             return lights.select(3).led == 3 and lights.off().led is None
         return False
 
-    lights = LightController(line.port, timeouts=LinkTimeouts(reply_s=0.03))
+    lights = next(filter(None, (opened() for _ in range(100))))
     try:
         play()
     finally:

@@ -20,12 +20,13 @@ from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
 from capture.station.run.triggers import TimerTrigger
 from classify.base.errors import InputError
-from tests.capture.station.production import VIRTUAL, collected
+from tests.capture.station.production import VIRTUAL, collected, configure
 
 
 def test_a_station_without_a_recipe_collects_parts_and_passes_none(tmp_path: Path) -> None:
     folder = tmp_path / "line"
     make_station(folder)
+    configure(folder)
     with pytest.raises(InputError, match=r"no such recipe.*station run --collect"):
         _run_without_collecting(folder)
     events = collected(folder, 2)
@@ -41,6 +42,7 @@ def test_a_station_without_a_recipe_collects_parts_and_passes_none(tmp_path: Pat
 def test_collecting_takes_exposure_and_gain_of_a_recipe_that_is_there(tmp_path: Path) -> None:
     folder = tmp_path / "line"
     make_station(folder)
+    configure(folder)
     files = StationFolder(folder).recipe_files()
     recipe = Recipe.model_validate({"name": "example", "pass": [], "light": {"exposure_ms": 12.0}})
     write_recipe(files.file, recipe)
@@ -52,6 +54,7 @@ def test_collecting_takes_exposure_and_gain_of_a_recipe_that_is_there(tmp_path: 
 
 def test_a_run_that_collects_ends_with_status_0(ps4rig: Callable[..., Any], tmp_path: Path) -> None:
     make_station(tmp_path / "line")
+    configure(tmp_path / "line")
     rig = tmp_path / "rig.toml"
     rig.write_text(
         "[lights]\nport = 'simulated'\n[camera]\nkind = 'simulated'\nwidth_px = 64\n"

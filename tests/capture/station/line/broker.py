@@ -13,6 +13,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from tests.capture.station.line.lines import until_so
+from tests.free_port import free_port
 from tests.suites import MOSQUITTO
 
 
@@ -70,9 +71,7 @@ class Broker:
 @contextmanager
 def mqtt_broker(folder: Path) -> Iterator[Broker]:
     """Make a broker that wants a password; it is not started."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
-    passwords = folder / "passwords"
+    port, passwords = free_port(), folder / "passwords"
     program = MOSQUITTO.parents[1] / "bin" / "mosquitto_passwd"
     subprocess.run((program, "-b", "-c", passwords, "ps4rig", "p@ss"), check=True)
     passwords.chmod(0o644)

@@ -18,6 +18,7 @@ from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve
 from capture.station.run.live_station import LiveStation
 from classify.base.errors import InputError
+from tests.capture.station.production import configure
 
 PARTS = 3
 
@@ -61,6 +62,7 @@ def test_a_run_prints_its_modbus_address_and_takes_the_triggers_of_the_example_c
 ) -> None:
     assert small_rig
     approve(files, "Ada")
+    configure(station)
     with (station / "station.toml").open("a", encoding="utf-8") as config:
         config.write('[modbus]\nport = 0\nrecipes = ["example"]\n')
         config.write('[mqtt]\nurl = "mqtt://127.0.0.1:9"\ntopic = "plant"\n')  # nobody listens

@@ -141,7 +141,7 @@ def test_a_stream_ends_when_its_user_is_removed(
         with stream(client) as messages:
             next(messages)
             panel.panel.tokens.remove("client-operator")
-            until_s = time.monotonic() + 10.0
+            until_s = time.monotonic() + 60.0
             assert all(time.monotonic() < until_s for _ in messages)  # ends by itself
     finally:
         is_over.set()

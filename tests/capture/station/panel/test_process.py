@@ -28,9 +28,7 @@ pytestmark = [
     pytest.mark.skipif(not Path("/proc").is_dir(), reason="finds processes in /proc"),
 ]
 # A verdict takes some 20 ms on an idle machine. One that waits for the panel takes `STOPPED_S`.
-STOPPED_S = 4.0
-# A panel yields to everything else that a busy machine does, for so long at most.
-BUSY_S = 30.0
+STOPPED_S = 8.0
 # From a kill to the answer with the present part: the pauses of both sides, and the processor time
 # of the new process. On an idle machine that is the time.
 MOST_RESTART_S = 1.0
@@ -134,7 +132,7 @@ def test_a_killed_panel_answers_again_and_a_stopped_one_delays_no_verdict(
                 state = run.state()
                 break
             except OSError:
-                assert time.monotonic() - killed_s < BUSY_S
+                assert time.monotonic() - killed_s < WAIT_S
         while state["reason"] == NO_RUN:
             state = run.state()
         restart_s = _FIRST_PAUSE_S + _RECONNECT_S + processor_s(run.panel())
@@ -142,7 +140,7 @@ def test_a_killed_panel_answers_again_and_a_stopped_one_delays_no_verdict(
             f"a panel restarts in {restart_s:.2f} s, {time.monotonic() - killed_s:.2f} s here"
         )
         assert restart_s < MOST_RESTART_S
-        assert time.monotonic() - killed_s < BUSY_S
+        assert time.monotonic() - killed_s < WAIT_S
         assert state["run"] == before["run"]
         assert sum(state["announced"].values()) >= sum(before["announced"].values())
     stopped, parts = run.panel(), len(run.parts())
@@ -152,7 +150,7 @@ def test_a_killed_panel_answers_again_and_a_stopped_one_delays_no_verdict(
     finally:
         os.kill(stopped, signal.SIGCONT)
     assert len(run.parts()) > parts + 2
-    assert max(part["latency_ms"] for part in run.parts()) < 1e3 * STOPPED_S / 4
+    assert max(part["latency_ms"] for part in run.parts()) < 1e3 * STOPPED_S / 2
     while (state := run.state())["last"]["part_id"] != run.parts()[-1]["part_id"]:
         assert state["state"] != "error"
     panel = run.panel()

@@ -19,6 +19,7 @@ from capture.station.domain.roles import Role
 from capture.station.domain.users import Users
 from capture.station.results.audit import newest_changes
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
+from tests.free_port import free_port
 from tests.suites import NGINX
 
 pytestmark = pytest.mark.browser
@@ -34,8 +35,7 @@ WAIT_S = 60.0
 @contextmanager
 def nginx(folder: Path, site: str) -> Iterator[int]:
     """Serve a site by nginx; yield its port."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = int(free.getsockname()[1])
+    port = free_port()
     temporary = "".join(
         f"{kind}_temp_path {folder / kind};\n"
         for kind in ("client_body", "proxy", "fastcgi", "uwsgi", "scgi")

@@ -216,7 +216,7 @@ def test_a_locked_database_is_waited_for(tmp_path: Path, locked_s: float) -> Non
 def test_a_locked_table_is_waited_for_until_it_is_unavailable(server: PostgresqlServer) -> None:
     url = server.make_database("locked")
     with (
-        open_store(url, "line-1", create=True, patience_s=0.5) as store,
+        open_store(url, "line-1", create=True, patience_s=2.0) as store,
         open_store(url, "line-2", create=True) as patient,
     ):
         result, of_patient = result_of(begin(store)), result_of(begin(patient), station="line-2")

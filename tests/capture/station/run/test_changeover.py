@@ -123,6 +123,7 @@ def test_parts_in_progress_keep_the_recipe_of_their_trigger(station: Bench) -> N
         assert exposing.wait(WAIT_S)
         asking = Asking(target)
         assert isinstance(trigger(target), Refused)
+        until_so(lambda: target._changeover.is_wanted)
         go_on.set()
         asking.join(WAIT_S)
         assert asking.answer == RecipeLoaded("brass", 1, asking.answer.sha256, "kim")
@@ -193,7 +194,7 @@ def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(
         trigger(target)
         assert judging.wait(WAIT_S)
         asking = Asking(target)
-        until_so(lambda: station.of(StateChanged)[-1].state is State.INITIALIZED)
+        until_so(lambda: target._changeover.is_wanted)
         refused = trigger(target)
         go_on.set()
         asking.join(WAIT_S)
@@ -330,9 +331,7 @@ def test_a_station_that_fails_or_stops_refuses_the_recipe_that_waits(station: Be
         trigger(target)
         assert inspecting.wait(WAIT_S)
         answers.append(Asking(target))
-        # It waits for the part, and the station is not ready any more.
-        while target.wait_until_ready(0.0):
-            pass
+        until_so(lambda: target._changeover.is_wanted)
         assert trigger(target).kind is Refusal.NOT_READY
         target.stop()  # type: ignore[attr-defined]
         assert trigger(target).kind is Refusal.STOPPING

@@ -86,7 +86,7 @@ def test_the_next_part_is_exposed_while_the_last_verdict_is_computed(station: Be
     second_is_exposed = threading.Event()
 
     def inspect(_: CapturedSet) -> Said:
-        assert second_is_exposed.wait(10.0)
+        assert second_is_exposed.wait(60.0)
         return Said(PASSED)
 
     def capture(number: int) -> None:
@@ -138,12 +138,12 @@ def test_a_trigger_during_an_exposure_is_refused_and_recorded(station: Bench) ->
 
     def capture(_: int) -> None:
         is_exposing.set()
-        assert may_end.wait(10.0)
+        assert may_end.wait(60.0)
 
     def feed(target: Station) -> None:
         until_ready(target)
         assert isinstance(trigger(target), Accepted)
-        assert is_exposing.wait(10.0)
+        assert is_exposing.wait(60.0)
         answer = trigger(target)
         may_end.set()
         assert isinstance(answer, Refused)
@@ -161,7 +161,7 @@ def test_a_trigger_is_refused_while_all_buffers_wait_for_verdicts(station: Bench
     may_end = threading.Event()
 
     def inspect(_: CapturedSet) -> Said:
-        assert may_end.wait(10.0)
+        assert may_end.wait(60.0)
         return Said(PASSED)
 
     def feed(target: Station) -> None:

@@ -23,7 +23,7 @@ class BusyStore:
 
     def refuse(self, *refused: RefusedTrigger) -> None:
         self.is_asked.set()
-        assert self.is_flood_over.wait(10.0)
+        assert self.is_flood_over.wait(60.0)
         if self.is_away:
             raise ResultsUnavailable("the database is away")
         self.rows += refused
@@ -37,7 +37,7 @@ def test_what_comes_while_rows_are_written_is_counted(is_away: bool) -> None:
     for _ in range(MOST_WAITING):
         waiting.add(Trigger("modbus", "A-1"), "busy")
     with waiting.recording(store, lambda: False):  # type: ignore[arg-type]
-        assert store.is_asked.wait(10.0)
+        assert store.is_asked.wait(60.0)
         for _ in range(MORE - MOST_WAITING):
             waiting.add(Trigger("modbus", "A-1"), "busy")
         store.is_flood_over.set()

@@ -38,6 +38,7 @@ class Line:
         self.bench = made
         values = made.folder.config.model_dump() | {
             "timer_s": 0.2,
+            "max_trigger_age_s": 60.0,
             "disk_floor_mb": 1,
             "reconnect_s": 0.01,
         }
