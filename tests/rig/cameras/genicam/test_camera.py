@@ -1,6 +1,7 @@
 """A GigE Vision camera over the loopback: Aravis simulates the camera, the rig makes its images."""
 
 import json
+import math
 import signal
 import subprocess
 import sys
@@ -14,12 +15,15 @@ import pytest
 from capture import capture_set
 from capture.base.errors import SetRejected
 from rig import CameraError, FrameFlag, Rig, RigConfig, open_rig
+from rig.cameras.genicam.aravis import AravisCamera
+from rig.cameras.genicam.fake import FakeGigeCamera
 from rig.cameras.kinds import list_cameras
+from rig.cameras.served import ServedFrame
 from rig.doctor.diagnosis import diagnose
 from rig.errors import ControlError
 from rig.latency import measure_latency, without_timing
 from rig.simulation.camera import TRANSFER_S
-from tests.gige_rig import DEVICE, GigeRig, accepted_set, gige_rig, good_frame
+from tests.gige_rig import ADDRESS, DEVICE, GigeRig, accepted_set, gige_rig, good_frame
 
 pytestmark = pytest.mark.genicam
 
@@ -54,7 +58,11 @@ def test_it_is_listed_with_the_keys_that_open_it(served: GigeRig) -> None:
     listed = next(camera for found in searches for camera in found if camera.kind == "genicam")
     assert (listed.device, listed.name, listed.problem) == (DEVICE, "Aravis Fake", None)
     assert 'pixel_format = "Mono12p"' in listed.config_lines
-    assert served.config.camera.matches(listed)
+    for name in (DEVICE, ADDRESS, "SIM-0001"):
+        config = changed(served, device=name)
+        assert config.camera.matches(listed)
+        with open_rig(config) as rig:
+            good_frame(rig)
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])
@@ -169,6 +177,33 @@ def test_a_large_frame_fits_the_socket() -> None:
         while 5 * str(int(FrameFlag.GOOD)) not in flags:
             assert len(flags) < 60
             flags += str(int(rig.camera.read(PATIENCE_S).flags))
+
+
+class LateFrames:
+    """A rig whose camera gets no pulse at first, and is then late with each frame."""
+
+    serial_number = "SIM-0001"
+    requests = 0
+
+    def next_frame(self, most_late: float, _exposure_ms: float | None = None) -> ServedFrame | None:
+        time.sleep(0.02)
+        self.requests += 1
+        if self.requests == 1:
+            raise CameraError("no frame")
+        if math.isfinite(most_late):
+            return None
+        return ServedFrame(np.zeros((64, 96), np.uint8), self.requests, time.monotonic())
+
+
+def test_a_served_camera_sends_no_image_without_a_frame_and_ends(served: GigeRig) -> None:
+    served.close()
+    camera = FakeGigeCamera(ADDRESS, served.simulated.with_changes(camera={"bits": 8}).camera)
+    camera.start(LateFrames())
+    client = AravisCamera(DEVICE)
+    client.start(buffers=1)
+    assert client.next_buffer(0.5) is None
+    camera.close()
+    client.close()
 
 
 def test_a_camera_that_restarts_is_found_again(served: GigeRig) -> None:
