@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -197,13 +198,12 @@ class LateFrames:
 
 def test_a_served_camera_sends_no_image_without_a_frame_and_ends(served: GigeRig) -> None:
     served.close()
-    camera = FakeGigeCamera(ADDRESS, served.simulated.with_changes(camera={"bits": 8}).camera)
-    camera.start(LateFrames())
-    client = AravisCamera(DEVICE)
-    client.start(buffers=1)
-    assert client.next_buffer(0.5) is None
-    camera.close()
-    client.close()
+    config = served.simulated.with_changes(camera={"bits": 8}).camera
+    with closing(FakeGigeCamera(ADDRESS, config)) as camera:
+        camera.start(LateFrames())
+        with closing(AravisCamera(DEVICE)) as client:
+            client.start(buffers=1)
+            assert client.next_buffer(0.5) is None
 
 
 def test_a_camera_that_restarts_is_found_again(served: GigeRig) -> None:
