@@ -1,20 +1,26 @@
 """A simulated rig whose camera sends its frames by GigE Vision over the loopback."""
 
 import fcntl
+import math
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rig import Rig, RigConfig, open_rig
+from capture import CapturedSet, capture_set
+from capture.base.errors import SetRejected
+from rig import Frame, Rig, RigConfig, open_rig
 from rig.cameras.genicam.fake import TRIGGER_LINE, FakeGigeCamera
+from rig.simulation.camera import TRANSFER_S
 from rig.simulation.devices import DeviceSimulation
 
 ADDRESS, DEVICE = "127.0.0.1", "Aravis-Fake-SIM-0001"
 # One camera may listen at an address: tests in several processes wait for each other.
 _LOCK = Path(tempfile.gettempdir()) / "ps4rig-gige.lock"
+# Sets that a busy machine may spoil one after the other.
+_ATTEMPTS = 30
 
 
 @dataclass
@@ -44,6 +50,7 @@ class GigeRig:
                     "device": DEVICE,
                     "pixel_format": {8: "Mono8", 12: "Mono12p", 16: "Mono16"}[camera.bits],
                     "readout_ms": self.simulated.simulation.readout_ms,
+                    "timestamp_offset_ms": -1e3 * TRANSFER_S,
                     # The fake camera has no clock to be read: a busy machine stamps late.
                     "timestamp_uncertainty_ms": 2.0,
                 }
@@ -85,6 +92,23 @@ def gige_rig(
 
 @contextmanager
 def rig_of_genicam(camera: dict[str, Any]) -> Iterator[Rig]:
-    """Open such a rig."""
+    """Open such a rig, and let the camera's clock be tied to this machine's."""
     with gige_rig(camera) as served, open_rig(served.config) as opened:
+        for _ in range(20):
+            opened.camera.read(60.0)
         yield opened
+
+
+def accepted_set(rig: Rig) -> CapturedSet:
+    """A set; a busy machine delays the simulated hardware, and sets are rejected."""
+    for _ in range(_ATTEMPTS):
+        with suppress(SetRejected):
+            return capture_set(rig)
+    return capture_set(rig)
+
+
+def good_frame(rig: Rig, begun_s: float = -math.inf) -> Frame:
+    """The next complete frame whose exposure began at a time or later."""
+    while (frame := rig.camera.read(60.0)).flags or frame.exposure_start_s < begun_s:
+        pass
+    return frame

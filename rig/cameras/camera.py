@@ -127,6 +127,8 @@ class ListedCamera:
         Further lines of ``[camera]`` that suit it; empty if it cannot be used.
     problem
         Error of the query, None if it succeeded.
+    names
+        Further values for ``camera.device``.
     """
 
     kind: str
@@ -138,6 +140,7 @@ class ListedCamera:
     longest_exposure_ms: float | None = None
     config_lines: tuple[str, ...] = ()
     problem: str | None = None
+    names: tuple[str, ...] = ()
 
 
 def require_exposure(exposure_ms: float, range_ms: tuple[float, float]) -> None:

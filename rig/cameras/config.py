@@ -184,7 +184,7 @@ class DeviceCameraConfig(CameraConfig):
 
     def matches(self, camera: ListedCamera) -> bool:
         """Whether a listed camera is this one."""
-        return camera.device == self.device
+        return self.device in (camera.device, *camera.names)
 
 
 class SimulatedCameraConfig(StampedCameraConfig):

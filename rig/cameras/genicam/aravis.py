@@ -53,23 +53,25 @@ def call(function: Callable[..., Any], *arguments: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class _DetectedCamera:
+class DetectedCamera:
     """A camera that answered the search."""
 
     device_id: str
     name: str
     protocol: str
+    names: tuple[str, ...]  # that a user may give: serial number and address
 
 
-def find_devices() -> list[_DetectedCamera]:
+def find_devices() -> list[DetectedCamera]:
     """Search networks and USB for half a second."""
     library = aravis()
     library.update_device_list()
     return [
-        _DetectedCamera(
+        DetectedCamera(
             library.get_device_id(index),
             _joined(library.get_device_vendor(index), library.get_device_model(index)),
             library.get_device_protocol(index),
+            (library.get_device_serial_nbr(index), library.get_device_address(index)),
         )
         for index in range(library.get_n_devices())
     ]
@@ -79,8 +81,8 @@ def _joined(*names: str | None) -> str:
     return " ".join(filter(None, names))
 
 
-_Value = TypeVar("_Value", int, float, str)
-_TYPE_NAMES: dict[type, str] = {str: "string", int: "integer", float: "float"}
+_Value = TypeVar("_Value", bool, int, float, str)
+_TYPE_NAMES: dict[type, str] = {str: "string", int: "integer", float: "float", bool: "boolean"}
 
 
 @dataclass(frozen=True)
@@ -99,7 +101,13 @@ class AravisCamera:
 
     def __init__(self, device: str) -> None:
         self._stream: Any = None
-        self._camera: Any = call(aravis().Camera.new, device)
+        try:
+            self._camera: Any = call(aravis().Camera.new, device)
+        except CameraError:  # Aravis takes ids and addresses
+            named = [found.device_id for found in find_devices() if device in found.names]
+            if not named:
+                raise
+            self._camera = call(aravis().Camera.new, named[0])
 
     @property
     def name(self) -> str:
@@ -112,11 +120,18 @@ class AravisCamera:
         return bool(call(self._camera.is_feature_available, feature))
 
     def value(self, feature: str, kind: type[_Value]) -> _Value:
-        """Value of a feature: a string or an enumeration, an integer or a float."""
+        """Value of a feature: a string or an enumeration, a boolean, an integer or a float."""
         value: _Value = call(getattr(self._camera, f"get_{_TYPE_NAMES[kind]}"), feature)
         return value
 
-    def set_value(self, feature: str, value: int | float | str) -> None:
+    def number(self, feature: str) -> float:
+        """Value of a feature that is an integer in some cameras and a float in others."""
+        try:
+            return self.value(feature, float)
+        except CameraError:
+            return float(self.value(feature, int))
+
+    def set_value(self, feature: str, value: bool | int | float | str) -> None:
         """Set a feature of the kind of `value`."""
         call(getattr(self._camera, f"set_{_TYPE_NAMES[type(value)]}"), feature, value)
 
@@ -145,7 +160,12 @@ class AravisCamera:
     @property
     def exposure_range_ms(self) -> tuple[float, float]:
         """Shortest and longest exposure."""
-        shortest_us, longest_us = call(self._camera.get_exposure_time_bounds)
+        names = [name for name in ("ExposureTime", "ExposureTimeAbs") if self.has(name)]
+        try:
+            shortest_us, longest_us = call(self._camera.get_float_bounds, *names[:1])
+        except (CameraError, TypeError):
+            # Not first: of a Basler ace it gives the bounds of ExposureTimeRaw, which are no us.
+            shortest_us, longest_us = call(self._camera.get_exposure_time_bounds)
         return shortest_us / 1e3, longest_us / 1e3
 
     @property

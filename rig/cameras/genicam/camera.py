@@ -3,6 +3,7 @@
 import time
 from collections import deque
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +17,32 @@ from .aravis import (
     FRAMES_IN_SOCKET,
     AravisCamera,
     Buffer,
+    DetectedCamera,
     find_devices,
     is_installed,
 )
-from .measurement_mode import OFF, GenicamCameraConfig, set_exposure, set_measurement_mode
-from .pixel_formats import PIXEL_FORMATS, decode
+from .measurement_mode import (
+    GAMMA_SWITCHES,
+    HELD,
+    GenicamCameraConfig,
+    set_exposure,
+    set_measurement_mode,
+)
+from .pixel_formats import FAMILIES, PIXEL_FORMATS, decode
 
 # Few, so that few frames are stale after a switch; one is filled while others wait.
 _BUFFERS = 4
 # Further numbers that change the pixel value of the same light.
-_PIXEL_VALUES = ("BlackLevel", "DigitalShift", "Sharpness", "Brightness", "Contrast")
+_PIXEL_VALUES = (
+    "BlackLevel", "BlackLevelRaw", "DigitalShift", "Sharpness", "Brightness", "Contrast",
+    "BslBrightness", "BslContrast",
+)  # fmt: skip
 # Formats, best first: grey before colour, more bits before fewer, packed ones for the line.
-_PREFERRED = ("Mono12p", "Mono12Packed", "Mono12", "Mono10p", "Mono10", "Mono16", "Mono8")
+_PREFERRED = [
+    f"{family}{packing}"
+    for family in FAMILIES
+    for packing in ("12p", "12Packed", "12", "10p", "10Packed", "10", "16", "8")
+]
 
 
 class GenicamCamera:
@@ -80,7 +95,7 @@ class GenicamCamera:
     def set_exposure(self, exposure_ms: float) -> None:
         """Change the exposure, and read it back."""
         require_exposure(exposure_ms, self.exposure_range_ms)
-        set_exposure(self._camera, self._config.device, exposure_ms)
+        set_exposure(self._camera, self._config, exposure_ms)
         self._exposure_ms = self._camera.exposure_ms
 
     def read(self, timeout_s: float) -> Frame:
@@ -100,7 +115,7 @@ class GenicamCamera:
         if not buffer.data:
             pixels = np.zeros(size_px[::-1], np.uint8 if config.bits == 8 else np.uint16)
         else:
-            if buffer.size_px != size_px:
+            if buffer.size_px not in (size_px, (0, 0)):  # older cameras of FLIR state none
                 raise CameraError(
                     f"{config.device}: a frame of {buffer.size_px[0]} x {buffer.size_px[1]} px "
                     f"instead of {size_px[0]} x {size_px[1]} px; open the camera again"
@@ -138,9 +153,11 @@ class GenicamCamera:
     def _record(self) -> dict[str, Any]:
         """The camera's state for a set's metadata."""
         camera, config = self._camera, self._config
-        names = ("DeviceVersion", "DeviceFirmwareVersion", "DeviceSerialNumber", *OFF)
+        kinds: dict[str, Any] = {name: type(value) for name, value in HELD.items()}
+        for name in ("DeviceVersion", "DeviceFirmwareVersion", "DeviceSerialNumber"):
+            kinds[name] = str
         record: dict[str, Any] = {
-            name: camera.value(name, str) for name in names if camera.has(name)
+            name: camera.value(name, kind) for name, kind in kinds.items() if camera.has(name)
         }
         record["genicam"] = {
             "device": config.device,
@@ -159,11 +176,13 @@ class GenicamCamera:
 
 def _pixel_values(camera: AravisCamera) -> dict[str, Any]:
     """Gain, gamma and further values that change a pixel, as fields of `CameraInfo`."""
+    gamma = camera.number("Gamma") if camera.has("Gamma") else None
+    switches = [camera.value(name, bool) for name in GAMMA_SWITCHES if camera.has(name)]
     return {
         "gain": camera.gain,
-        "gamma": camera.value("Gamma", float) if camera.has("Gamma") else None,
+        "gamma": 1.0 if switches and not any(switches) else gamma,
         "pixel_value_controls": {
-            name: camera.value(name, float) for name in _PIXEL_VALUES if camera.has(name)
+            name: camera.number(name) for name in _PIXEL_VALUES if camera.has(name)
         },
     }
 
@@ -197,14 +216,16 @@ def list_genicam_cameras() -> list[ListedCamera]:
     """List the cameras that answer on networks and USB; none without Aravis."""
     if not is_installed():
         return []
-    return [_listed(device.device_id, device.name, device.protocol) for device in find_devices()]
+    return [_listed(device) for device in find_devices()]
 
 
-def _listed(device: str, name: str, protocol: str) -> ListedCamera:
+def _listed(found: DetectedCamera) -> ListedCamera:
+    device = found.device_id
+    listed = ListedCamera("genicam", device, found.name, found.protocol, names=found.names)
     try:
         camera = AravisCamera(device)
     except CameraError as error:
-        return ListedCamera("genicam", device, name, protocol, problem=f"{device}: {error}")
+        return replace(listed, problem=f"{device}: {error}")
     try:
         formats = camera.entries("PixelFormat")
         best = next((each for each in _PREFERRED if each in formats), None)
@@ -217,11 +238,11 @@ def _listed(device: str, name: str, protocol: str) -> ListedCamera:
                 f"height_px = {height_px}",
             )
         longest_ms = camera.exposure_range_ms[1]
-        return ListedCamera(
-            "genicam", device, name, protocol, None, tuple(formats), longest_ms, lines
+        return replace(
+            listed, formats=tuple(formats), longest_exposure_ms=longest_ms, config_lines=lines
         )
     except CameraError as error:
-        return ListedCamera("genicam", device, name, protocol, problem=f"{device}: {error}")
+        return replace(listed, problem=f"{device}: {error}")
     finally:
         camera.close()
 

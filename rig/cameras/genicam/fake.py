@@ -1,6 +1,7 @@
 """`FakeGigeCamera`: a GigE Vision camera of this machine with the frames of a simulated rig."""
 
 import ctypes
+import math
 import tempfile
 import time
 from collections.abc import Callable
@@ -103,8 +104,14 @@ class FakeGigeCamera:
         fake = self._camera.get_fake_camera()
 
         def fill(buffer: int, _data: int, exposure_us: int, *_: int) -> None:
-            while (frame := source.next_frame(_MOST_LATE, exposure_us / 1e3)) is None:
-                pass
+            frame = None
+            while frame is None:
+                try:
+                    most_late = _MOST_LATE if self._is_open else math.inf
+                    frame = source.next_frame(most_late, exposure_us / 1e3)
+                except CameraError:  # no pulse for two periods; an old image may not be sent
+                    if not self._is_open:
+                        return
             image = self._encoded(frame.pixels)
             payload_bytes = fake.get_payload()
             target = _c_library().arv_buffer_get_data(buffer, None)
@@ -113,6 +120,7 @@ class FakeGigeCamera:
             _c_library().arv_buffer_set_timestamp(buffer, utc_ns)
             _c_library().arv_buffer_set_frame_id(buffer, 1 + frame.number % FRAME_ID_COUNT)
 
+        self._is_open = True
         self._fill = _FILL(fill)  # kept as long as Aravis may call it
         self._fake: Any = fake
         _c_library().arv_fake_camera_set_fill_pattern(_pointer(fake), self._fill, None)
@@ -135,7 +143,8 @@ class FakeGigeCamera:
 
     def close(self) -> None:
         """End the camera; a second call does nothing."""
-        self._camera = None
+        self._is_open = False
+        self._camera = None  # waits for `fill`
 
 
 def _features() -> str:

@@ -41,17 +41,42 @@ class GenicamCameraConfig(DeviceCameraConfig, FormattedCameraConfig):
 # Sensors take exposures in steps of a row.
 _EXPOSURE_TOLERANCE_MS = 0.05
 _GAIN_TOLERANCE = 0.1
-# What adapts by itself or changes pixels, and its value that does not; names of the SFNC 2.7.
-OFF = {
+# What adapts by itself or changes frames, and its value that does not: names of the SFNC 2.7, and
+# older or own ones of Basler, FLIR and Hikrobot.
+HELD: dict[str, bool | str] = {
+    "SequencerMode": "Off",
+    "SequenceEnable": False,
+    "AcquisitionMode": "Continuous",
+    "ExposureMode": "Timed",
     "ExposureAuto": "Off",
     "GainAuto": "Off",
     "BlackLevelAuto": "Off",
     "BalanceWhiteAuto": "Off",
-    "SequencerMode": "Off",
+    "BslColorSpace": "Off",
     "TestPattern": "Off",
     "TestImageSelector": "Off",
+    "HDREnable": False,
+    "LUTEnable": False,
+    "SharpeningEnable": False,
+    "SharpnessEnable": False,
+    "SharpnessEnabled": False,
+    "ChunkModeActive": False,
 }
-_ONE = ("BinningHorizontal", "BinningVertical", "DecimationHorizontal", "DecimationVertical")
+_ONE = (
+    "BinningHorizontal", "BinningVertical", "DecimationHorizontal", "DecimationVertical",
+    "AcquisitionBurstFrameCount",
+)  # fmt: skip
+# The trigger of one frame, best first: some cameras of Hikrobot have a burst of one frame only.
+_FRAME_TRIGGERS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
+_RATE_LIMITS = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
+# The rate that exposure, readout and line allow, by Basler, Hikrobot and FLIR.
+_REACHED_RATES = (
+    "ResultingFrameRate", "ResultingFrameRateAbs", "BslResultingAcquisitionFrameRate",
+    "AcquisitionResultingFrameRate",
+)  # fmt: skip
+GAMMA_SWITCHES = ("GammaEnable", "GammaEnabled")
+# Of a number in a register of 32 bits.
+_RELATIVE_TOLERANCE = 1e-5
 
 
 class Settings:
@@ -61,17 +86,19 @@ class Settings:
         self._camera = camera
         self.faults: list[ControlFault] = []
 
-    def hold(self, feature: str, value: int | float | str) -> None:
-        """Set a feature and read it back."""
+    def hold(self, feature: str, value: bool | int | float | str) -> None:
+        """Set a feature, unless it has the value already, and read it back."""
         camera = self._camera
+        kind: Any = type(value)
+        tolerance = _RELATIVE_TOLERANCE * value if isinstance(value, float) else 0.0
         try:
-            camera.set_value(feature, value)
-            kind: Any = type(value)
-            self.compare(feature, value, camera.value(feature, kind))
+            if camera.value(feature, kind) != value:  # it may be read-only
+                camera.set_value(feature, value)
+            self.compare(feature, value, camera.value(feature, kind), tolerance)
         except CameraError as error:
             self.compare(feature, value, str(error))
 
-    def hold_if_there(self, feature: str, value: int | float | str) -> None:
+    def hold_if_there(self, feature: str, value: bool | int | float | str) -> None:
         """Set a feature that not every camera has."""
         if self._camera.has(feature):
             self.hold(feature, value)
@@ -97,6 +124,8 @@ def set_measurement_mode(camera: AravisCamera, config: GenicamCameraConfig) -> f
     Raises a `ControlError` that names every feature that does not hold.
     """
     settings = Settings(camera)
+    for feature, value in HELD.items():
+        settings.hold_if_there(feature, value)
     for feature in _ONE:
         settings.hold_if_there(feature, 1)
     for feature, pixels in (
@@ -105,38 +134,48 @@ def set_measurement_mode(camera: AravisCamera, config: GenicamCameraConfig) -> f
         settings.hold(feature, pixels)
     _require_format(camera, config.pixel_format)
     settings.hold("PixelFormat", config.pixel_format)
-    for feature, off in OFF.items():
-        settings.hold_if_there(feature, off)
     _set_trigger(camera, settings, config.trigger_line)
-    period_s = 1.0 / config.frame_rate_hz
+    # The present exposure may be too long for the rate, and the present rate for the exposure.
+    camera.set_exposure(min(config.exposure_ms, camera.exposure_range_ms[1]))
+    for switch in _RATE_LIMITS:
+        settings.hold_if_there(switch, config.trigger_line is None)
     if config.trigger_line is None:
         camera.set_frame_rate(config.frame_rate_hz)
-        rate_hz = camera.frame_rate_hz
-        tolerance_hz = RATE_TOLERANCE * config.frame_rate_hz
-        settings.compare("frame_rate_hz", config.frame_rate_hz, rate_hz, tolerance_hz)
-        period_s = 1.0 / rate_hz
     if config.gain is not None:
         camera.set_gain(config.gain)
         settings.compare("gain", config.gain, camera.gain, _GAIN_TOLERANCE)
     if config.gamma is not None:
+        settings.hold_if_there("GammaSelector", "User")
+        for switch in GAMMA_SWITCHES:
+            settings.hold_if_there(switch, True)
         settings.hold("Gamma", config.gamma)
-    _put_exposure(camera, settings, config.exposure_ms)
+    rate_hz = _put_exposure(camera, settings, config, config.exposure_ms)
     if settings.faults:
         raise ControlError(config.device, *settings.faults)
-    return period_s
+    return 1.0 / rate_hz
 
 
-def set_exposure(camera: AravisCamera, device: str, exposure_ms: float) -> None:
-    """Change the exposure; a `ControlError` if the camera does not keep it."""
+def set_exposure(camera: AravisCamera, config: GenicamCameraConfig, exposure_ms: float) -> None:
+    """Change the exposure; a `ControlError` if the camera does not keep it, or its rate."""
     settings = Settings(camera)
-    _put_exposure(camera, settings, exposure_ms)
+    _put_exposure(camera, settings, config, exposure_ms)
     if settings.faults:
-        raise ControlError(device, *settings.faults)
+        raise ControlError(config.device, *settings.faults)
 
 
-def _put_exposure(camera: AravisCamera, settings: Settings, exposure_ms: float) -> None:
+def _put_exposure(
+    camera: AravisCamera, settings: Settings, config: GenicamCameraConfig, exposure_ms: float
+) -> float:
+    """Set the exposure; return the frame rate, which some cameras lower for it."""
     camera.set_exposure(exposure_ms)
     settings.compare("exposure_ms", exposure_ms, camera.exposure_ms, _EXPOSURE_TOLERANCE_MS)
+    asked_hz = config.frame_rate_hz
+    rate_hz = asked_hz if config.trigger_line is not None else camera.frame_rate_hz
+    reached_hz = [camera.number(name) for name in _REACHED_RATES if camera.has(name)]
+    settings.compare(
+        "frame_rate_hz", asked_hz, min([rate_hz, *reached_hz]), RATE_TOLERANCE * asked_hz
+    )
+    return rate_hz
 
 
 def _require_format(camera: AravisCamera, pixel_format: str) -> None:
@@ -148,11 +187,14 @@ def _require_format(camera: AravisCamera, pixel_format: str) -> None:
 
 def _set_trigger(camera: AravisCamera, settings: Settings, line: str | None) -> None:
     """Let a rising edge at `line` start each exposure; without one the camera runs free."""
-    for selector in camera.entries("TriggerSelector") if camera.has("TriggerSelector") else ():
+    selectors = camera.entries("TriggerSelector") if camera.has("TriggerSelector") else []
+    for selector in selectors:
         camera.set_value("TriggerSelector", selector)
-        settings.hold("TriggerMode", "Off")
+        settings.hold_if_there("TriggerMode", "Off")
+    settings.hold_if_there("TriggerMode", "Off")
     if line is not None:
-        settings.hold("TriggerSelector", "FrameStart")
+        for selector in [name for name in _FRAME_TRIGGERS if name in selectors][:1]:
+            settings.hold("TriggerSelector", selector)
         settings.hold("TriggerSource", line)
-        settings.hold("TriggerActivation", "RisingEdge")
+        settings.hold_if_there("TriggerActivation", "RisingEdge")
         settings.hold("TriggerMode", "On")

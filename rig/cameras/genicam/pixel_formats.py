@@ -68,9 +68,10 @@ _PACKINGS = {
     "10Packed": PixelFormat(10, 12, _gigabit_packed(2)),
     "12Packed": PixelFormat(12, 12, _gigabit_packed(4)),
 }
+FAMILIES = ("Mono", "BayerRG", "BayerGR", "BayerGB", "BayerBG")
 PIXEL_FORMATS = {
     f"{family}{packing}": pixel_format
-    for family in ("Mono", "BayerRG", "BayerGR", "BayerGB", "BayerBG")
+    for family in FAMILIES
     for packing, pixel_format in _PACKINGS.items()
 }
 # Pixels whose bits fill whole bytes in every packing.

@@ -69,7 +69,7 @@ def simulation(monkeypatch: pytest.MonkeyPatch) -> Iterator[Simulation]:
     config = RigConfig().with_changes(camera=SIZE, simulation={"clock": "real"})
     simulation = Simulation(config)
     row = CameraKind(FactoryCameraConfig, lambda camera: FactoryCamera(camera, simulation), listed)
-    for name, kind in CAMERA_KINDS.items():
+    for name, kind in CAMERA_KINDS.items():  # this machine may have cameras
         monkeypatch.setitem(CAMERA_KINDS, name, replace(kind, lister=None))
     monkeypatch.setitem(CAMERA_KINDS, "factory", row)
     yield simulation

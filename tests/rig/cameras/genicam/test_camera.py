@@ -1,11 +1,13 @@
 """A GigE Vision camera over the loopback: Aravis simulates the camera, the rig makes its images."""
 
 import json
+import math
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +16,22 @@ import pytest
 from capture import capture_set
 from capture.base.errors import SetRejected
 from rig import CameraError, FrameFlag, Rig, RigConfig, open_rig
+from rig.cameras.genicam.aravis import AravisCamera
+from rig.cameras.genicam.fake import FakeGigeCamera
 from rig.cameras.kinds import list_cameras
+from rig.cameras.served import ServedFrame
 from rig.doctor.diagnosis import diagnose
 from rig.errors import ControlError
 from rig.latency import measure_latency, without_timing
 from rig.simulation.camera import TRANSFER_S
-from tests.gige_rig import DEVICE, GigeRig, gige_rig
+from tests.gige_rig import ADDRESS, DEVICE, GigeRig, accepted_set, gige_rig, good_frame
 
 pytestmark = pytest.mark.genicam
 
 CAMERA = {
     "width_px": 96, "height_px": 64, "bits": 16, "frame_rate_hz": 30.0, "exposure_ms": 15.0
 }  # fmt: skip
-PATIENCE_S = 10.0
+PATIENCE_S = 60.0
 ROOT = Path(__file__).parents[4]
 
 
@@ -49,10 +54,16 @@ def frames_are_left(rig: Rig) -> bool:
 
 
 def test_it_is_listed_with_the_keys_that_open_it(served: GigeRig) -> None:
-    (listed,) = (camera for camera in list_cameras() if camera.kind == "genicam")
+    # A search of half a second may miss a camera of a busy machine.
+    searches = (list_cameras() for _ in range(20))
+    listed = next(camera for found in searches for camera in found if camera.kind == "genicam")
     assert (listed.device, listed.name, listed.problem) == (DEVICE, "Aravis Fake", None)
     assert 'pixel_format = "Mono12p"' in listed.config_lines
-    assert served.config.camera.matches(listed)
+    for name in (DEVICE, ADDRESS, "SIM-0001"):
+        config = changed(served, device=name)
+        assert config.camera.matches(listed)
+        with open_rig(config) as rig:
+            good_frame(rig)
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])
@@ -64,7 +75,7 @@ def test_three_sets_have_the_slopes_of_the_simulated_camera(bits: int) -> None:
         with open_rig(served.config) as rig:
             assert rig.camera.info.bit_depth == bits
             for _ in range(3):
-                captured = capture_set(rig, label="rock")
+                captured = accepted_set(rig)
                 surface = captured.solve(planar=True)
                 assert (first.valid & surface.valid).mean() > 0.95
                 assert np.median(np.abs(surface.p - first.p)) < 1.2 * noise
@@ -96,11 +107,11 @@ def change_exposure() -> bool:
 
 def test_another_program_cannot_change_the_exposure(served: GigeRig) -> None:
     with open_rig(served.config) as rig:
+        dark = good_frame(rig).pixels.mean()
         assert not change_exposure()
-        rig.lights.select(0)
+        switch = rig.lights.select(0)
         assert rig.camera.info.exposure_s == pytest.approx(0.015)
-        levels = [float(rig.camera.read(PATIENCE_S).pixels.mean()) for _ in range(12)]
-        assert levels[-1] > 5 * levels[0]
+        assert good_frame(rig, switch.acknowledged_s + 0.01).pixels.mean() > 5 * dark
 
 
 # Prints the exposure start of each frame, and status 3 at the end of the stream.
@@ -145,10 +156,10 @@ def test_a_program_that_lost_control_gets_no_frames(served: GigeRig) -> None:
 
 def test_a_frame_that_lost_packets_is_corrupt_and_in_no_set() -> None:
     with gige_rig(CAMERA, lost_packets=20.0) as served, open_rig(served.config) as rig:
-        frames = [rig.camera.read(PATIENCE_S) for _ in range(40)]
+        frames = [rig.camera.read(PATIENCE_S)]
+        while len({frame.flags for frame in frames}) < 2 or len(frames) < 40:
+            frames.append(rig.camera.read(PATIENCE_S))
         corrupt = [frame for frame in frames if frame.flags != FrameFlag.GOOD]
-        assert corrupt
-        assert len(corrupt) < len(frames)
         assert not any(frame.pixels.any() for frame in corrupt)
         numbers = np.diff([frame.sequence for frame in frames])
         assert (numbers >= 1).all()
@@ -160,11 +171,39 @@ def test_a_frame_that_lost_packets_is_corrupt_and_in_no_set() -> None:
 
 
 def test_a_large_frame_fits_the_socket() -> None:
-    size = {"width_px": 512, "height_px": 512, "bits": 12}
-    with gige_rig({**CAMERA, **size}) as served, open_rig(served.config) as rig:
-        frames = [rig.camera.read(PATIENCE_S) for _ in range(20)]
-    # By default 3 of 4 lost packets, also on an idle machine.
-    assert sum(frame.flags == FrameFlag.GOOD for frame in frames) > 10
+    camera = {**CAMERA, "width_px": 512, "height_px": 512, "bits": 12, "frame_rate_hz": 4.0}
+    flags = ""
+    with gige_rig(camera) as served, open_rig(served.config) as rig:
+        # By default 3 of 4 lost packets, also on an idle machine.
+        while 5 * str(int(FrameFlag.GOOD)) not in flags:
+            assert len(flags) < 60
+            flags += str(int(rig.camera.read(PATIENCE_S).flags))
+
+
+class LateFrames:
+    """A rig whose camera gets no pulse at first, and is then late with each frame."""
+
+    serial_number = "SIM-0001"
+    requests = 0
+
+    def next_frame(self, most_late: float, _exposure_ms: float | None = None) -> ServedFrame | None:
+        time.sleep(0.02)
+        self.requests += 1
+        if self.requests == 1:
+            raise CameraError("no frame")
+        if math.isfinite(most_late):
+            return None
+        return ServedFrame(np.zeros((64, 96), np.uint8), self.requests, time.monotonic())
+
+
+def test_a_served_camera_sends_no_image_without_a_frame_and_ends(served: GigeRig) -> None:
+    served.close()
+    config = served.simulated.with_changes(camera={"bits": 8}).camera
+    with closing(FakeGigeCamera(ADDRESS, config)) as camera:
+        camera.start(LateFrames())
+        with closing(AravisCamera(DEVICE)) as client:
+            client.start(buffers=1)
+            assert client.next_buffer(0.5) is None
 
 
 def test_a_camera_that_restarts_is_found_again(served: GigeRig) -> None:
@@ -176,7 +215,7 @@ def test_a_camera_that_restarts_is_found_again(served: GigeRig) -> None:
         with pytest.raises(CameraError, match="no frame"):
             rig.camera.read(0.5)
     with open_rig(served.config) as rig:
-        assert rig.camera.read(PATIENCE_S).flags == FrameFlag.GOOD
+        good_frame(rig)
 
 
 def test_the_doctor_checks_it(served: GigeRig, tmp_path: Path) -> None:
@@ -207,7 +246,7 @@ def test_the_controller_runs_a_sequence(synchronisation: str) -> None:
         with open_rig(served.simulated) as ideal:
             truth = capture_set(ideal).images.astype(np.float32)
         with open_rig(served.config) as rig:
-            sets = [capture_set(rig) for _ in range(3)]
+            sets = [accepted_set(rig) for _ in range(3)]
     for captured in sets:
         triggers = [len(image.triggers_us) for image in captured.metadata.images]
         assert triggers == [int(synchronisation == "trigger")] * len(triggers)
