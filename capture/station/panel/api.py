@@ -15,7 +15,12 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 
 from capture.base.names import NAME_PATTERN
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.results.audit import ChangeRecord, newest_changes, override_part
+from capture.station.results.audit import (
+    CHANGE_PATIENCE_S,
+    ChangeRecord,
+    newest_changes,
+    override_part,
+)
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import (
     ROWS_AT_A_TIME,
@@ -45,8 +50,6 @@ from .triggering import LONGEST_KEY
 _MOST_ROWS = 500
 PARTS = 50
 _LONGEST_WAIT_S = 30.0
-# Patience of `results_access` with a locked database.
-CHANGE_PATIENCE_S = 5.0
 router = APIRouter(prefix=V1)
 Below = Annotated[
     int | None,
