@@ -30,6 +30,7 @@ from capture.station.results.history import (
     Tally,
 )
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
+from capture.station.results.part_id import bounded_part_id
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import Device
 from capture.station.run.station_state import StationState
@@ -100,17 +101,17 @@ class _CountsQuery(Filters):
     )
 
 
-def _text(value: object) -> str:
+def _part_text(value: object) -> str:
     if not isinstance(value, str):
         raise ValueError("must be a text")
-    return value
+    return bounded_part_id(value)
 
 
 class PartFields(Record):
     """What must be known of a part that is triggered."""
 
     # Not checked here: a trigger with an id that is none is recorded as refused.
-    part_id: Annotated[str, PlainValidator(_text), WithJsonSchema(_PART_ID)] = ""
+    part_id: Annotated[str, PlainValidator(_part_text), WithJsonSchema(_PART_ID)] = ""
     recipe: Name | None = Field(
         None,
         description="name of the recipe that must judge the part; 409 if another one is loaded",

@@ -33,7 +33,7 @@ from .triggers import Accepted, Asker, RecipeRefusal, RecipeRefused, Refused, Tr
 
 NAME = "live.sock"
 MOST_PANELS = 8
-# A trigger has a part id and a recipe, an override a name and a verdict.
+# A change has two texts of 2000 characters, which JSON escapes in up to 12 bytes each.
 MOST_REQUEST_BYTES = 1 << 16
 # Threads that wait for the station in the name of one panel; further requests wait in its socket.
 MOST_REQUESTS = 16

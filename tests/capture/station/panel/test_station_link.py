@@ -6,6 +6,8 @@ import sqlite3
 import struct
 import threading
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
@@ -22,6 +24,7 @@ from capture.station.panel.server import serving_panel
 from capture.station.panel.station_link import NO_RUN, RunUnavailable, StationLink
 from capture.station.results import audit
 from capture.station.results.database import ResultsUnavailable
+from capture.station.results.part_id import require_given_part_id
 from capture.station.results.store import open_store
 from capture.station.run import live_socket
 from capture.station.run.events import PartAnnounced, PartBegun, RecipeLoaded, StateChanged
@@ -40,6 +43,7 @@ from capture.station.run.triggers import (
     Refused,
     Trigger,
 )
+from classify.base.errors import InputError
 from tests.capture.station.panel.panels import ANY_PORT, Client
 from tests.capture.station.panel.test_live import error, result
 from tests.capture.station.results.parts import inspect
@@ -179,6 +183,23 @@ def test_the_run_hears_of_the_age_of_a_trigger_and_of_a_client_that_leaves(
         asked = Trigger("http", is_withdrawn=has_left.is_set)
         assert link.submit(asked) == Refused("its client is gone", Refusal.LATE)
         assert heard[0].at_s == asked.at_s
+
+
+@pytest.mark.parametrize("part_id", ["\ud800", "A\n", "\N{CJK UNIFIED IDEOGRAPH-4E00}" * 21_000])
+def test_a_trigger_with_an_id_that_is_none_leaves_the_panel_connected(
+    folder: StationFolder, part_id: str
+) -> None:
+    with linked(folder) as link, running(folder) as live:
+        until(lambda: link.run == live.run)
+        with serving_panel(Panel(folder, link, ANY_PORT)) as url:
+            body = json.dumps({"part_id": part_id}, ensure_ascii=len(part_id) == 1)
+            headers = {"Content-Type": "application/json"}
+            request = urllib.request.Request(f"{url}api/v1/trigger", body.encode(), headers)
+            with pytest.raises(urllib.error.HTTPError, match="409"):
+                urllib.request.urlopen(request, timeout=WAIT_S)
+            [asked] = live._target.asked  # type: ignore[union-attr]
+            with pytest.raises(InputError, match="give 1 to 100 letters"):
+                require_given_part_id(asked.part_id)
 
 
 def test_a_panel_without_a_run_says_so_and_follows_the_next_one(folder: StationFolder) -> None:
