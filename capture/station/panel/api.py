@@ -81,6 +81,7 @@ Numbers = answer("Numbers", Tally)
 _Counts = answer("Counts", station=str, production=Numbers, simulated=Numbers)
 _Triggered = answer("Triggered", accepted=bool, part_id=str, number=int | None, repeated=bool)
 _Acknowledged = answer("Acknowledged", part_id=str, acknowledged=bool)
+_Stopped = answer("Stopped", reason=str, acknowledged=bool)
 _Changes = answer("Changes", changes=list[ChangeRecord])
 _PART_ID = {
     "type": "string",
@@ -224,6 +225,20 @@ def _acknowledge(call: ByOperator, part_id: str) -> dict[str, Any]:
             call.panel.changes.record(call.someone, f"part {part_id}", decision, "acknowledged")
             live.acknowledge(part_id, call.name)
     return {"part_id": part_id, "acknowledged": True}
+
+
+@router.post("/acknowledge", response_model=_Stopped)
+def _acknowledge_fault(call: ByOperator) -> dict[str, Any]:
+    """Record that somebody has seen the errors in a row that stop the line: it goes on."""
+    with _changing(call.panel):
+        state = call.panel.live.snapshot()
+        if not state.is_stopped_by_errors:
+            raise Denied(409, "no errors in a row stop the line")
+        call.panel.changes.record(
+            call.someone, f"station {state.station}", state.reason, "acknowledged"
+        )
+        call.panel.live.acknowledge(None, call.name)
+    return {"reason": state.reason, "acknowledged": True}
 
 
 def newest_parts(

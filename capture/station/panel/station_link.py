@@ -84,8 +84,8 @@ class StationLink(LiveView):
         assert isinstance(reply.value, RecipeLoaded)
         return reply.value
 
-    def acknowledge(self, part_id: str, by: str) -> bool:
-        """Record that somebody has seen a rejected part; False if it is not among the last."""
+    def acknowledge(self, part_id: str | None, by: str) -> bool:
+        """Record that somebody has seen a rejected part, or the fault that stops the line."""
         return self._ask("acknowledge", part_id, by).value is True
 
     def append(self, table: str, rows: list[dict[str, Any]], of_part: str | None) -> bool:
