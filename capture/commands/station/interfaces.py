@@ -43,7 +43,7 @@ def running_interfaces(
         is_used = host is not None or port is not None or trigger == "http"
         with warning_if_cannot_listen(is_needed=is_used if panel is None else panel):
             # Also without a panel here: one that is a systemd unit of its own shows the run.
-            stack.enter_context(serving_live(folder.path, live))
+            stack.enter_context(serving_live(folder, live))
             if panel is not False:
                 stack.enter_context(running_panel(folder, settings))
         line = plc_line(config, live, trigger)

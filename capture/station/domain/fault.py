@@ -36,8 +36,8 @@ class Fault:
         if not self.in_a_row:
             return self.detail
         return (
-            f"{self.detail}; {self.in_a_row} errors in a row (stop_after_errors): acknowledge a "
-            "rejected part, or start the station again"
+            f"{self.detail}; {self.in_a_row} errors in a row (stop_after_errors): acknowledge "
+            "them, or start the station again"
         )
 
 

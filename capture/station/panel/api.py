@@ -15,7 +15,12 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 
 from capture.base.names import NAME_PATTERN
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.results.audit import ChangeRecord, newest_changes, override_part
+from capture.station.results.audit import (
+    CHANGE_PATIENCE_S,
+    ChangeRecord,
+    newest_changes,
+    override_part,
+)
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import (
     ROWS_AT_A_TIME,
@@ -25,6 +30,7 @@ from capture.station.results.history import (
     Tally,
 )
 from capture.station.results.history_table import counts_of, csv_pieces, record_of
+from capture.station.results.part_id import bounded_part_id
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import Device
 from capture.station.run.station_state import StationState
@@ -45,8 +51,6 @@ from .triggering import LONGEST_KEY
 _MOST_ROWS = 500
 PARTS = 50
 _LONGEST_WAIT_S = 30.0
-# Patience of `results_access` with a locked database.
-CHANGE_PATIENCE_S = 5.0
 router = APIRouter(prefix=V1)
 Below = Annotated[
     int | None,
@@ -77,6 +81,7 @@ Numbers = answer("Numbers", Tally)
 _Counts = answer("Counts", station=str, production=Numbers, simulated=Numbers)
 _Triggered = answer("Triggered", accepted=bool, part_id=str, number=int | None, repeated=bool)
 _Acknowledged = answer("Acknowledged", part_id=str, acknowledged=bool)
+_Stopped = answer("Stopped", reason=str, acknowledged=bool)
 _Changes = answer("Changes", changes=list[ChangeRecord])
 _PART_ID = {
     "type": "string",
@@ -97,17 +102,17 @@ class _CountsQuery(Filters):
     )
 
 
-def _text(value: object) -> str:
+def _part_text(value: object) -> str:
     if not isinstance(value, str):
         raise ValueError("must be a text")
-    return value
+    return bounded_part_id(value)
 
 
 class PartFields(Record):
     """What must be known of a part that is triggered."""
 
     # Not checked here: a trigger with an id that is none is recorded as refused.
-    part_id: Annotated[str, PlainValidator(_text), WithJsonSchema(_PART_ID)] = ""
+    part_id: Annotated[str, PlainValidator(_part_text), WithJsonSchema(_PART_ID)] = ""
     recipe: Name | None = Field(
         None,
         description="name of the recipe that must judge the part; 409 if another one is loaded",
@@ -220,6 +225,20 @@ def _acknowledge(call: ByOperator, part_id: str) -> dict[str, Any]:
             call.panel.changes.record(call.someone, f"part {part_id}", decision, "acknowledged")
             live.acknowledge(part_id, call.name)
     return {"part_id": part_id, "acknowledged": True}
+
+
+@router.post("/acknowledge", response_model=_Stopped)
+def _acknowledge_fault(call: ByOperator) -> dict[str, Any]:
+    """Record that somebody has seen the errors in a row that stop the line: it goes on."""
+    with _changing(call.panel):
+        state = call.panel.live.snapshot()
+        if not state.is_stopped_by_errors:
+            raise Denied(409, "no errors in a row stop the line")
+        call.panel.changes.record(
+            call.someone, f"station {state.station}", state.reason, "acknowledged"
+        )
+        call.panel.live.acknowledge(None, call.name)
+    return {"reason": state.reason, "acknowledged": True}
 
 
 def newest_parts(

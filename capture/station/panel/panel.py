@@ -33,7 +33,7 @@ class Panel:
     ) -> None:
         self.folder, self.live = folder, live
         self.settings = settings  # section ``[panel]``, with what the command line changed
-        self.results = ResultsAccess(folder)
+        self.results = ResultsAccess(folder, live.append)
         self.changes = ChangeLog(folder, self.results)
         self.users, self.tokens = Users(folder.path), Tokens(folder.path)
         self.sessions = Sessions(folder.path, self.users)

@@ -84,9 +84,22 @@ class StationLink(LiveView):
         assert isinstance(reply.value, RecipeLoaded)
         return reply.value
 
-    def acknowledge(self, part_id: str, by: str) -> bool:
-        """Record that somebody has seen a rejected part; False if it is not among the last."""
+    def acknowledge(self, part_id: str | None, by: str) -> bool:
+        """Record that somebody has seen a rejected part, or the fault that stops the line."""
         return self._ask("acknowledge", part_id, by).value is True
+
+    def append(self, table: str, rows: list[dict[str, Any]], of_part: str | None) -> bool:
+        """Let the run append rows to the results, or raise ResultsUnavailable; False without a run.
+
+        A panel that is stopped while it writes would hold the lock that results wait for.
+        """
+        try:
+            reply = self._ask("append", table, rows, of_part)
+        except RunUnavailable:
+            return False
+        if reply.value is not True:
+            raise ResultsUnavailable(reply.reason)
+        return True
 
     def announce(self, about: Mapping[str, Any]) -> None:
         """Tell all subscribers of something that the panel did; without a run there are none."""

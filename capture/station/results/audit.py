@@ -19,10 +19,10 @@ from classify.base.errors import InputError
 from .database import ResultsUnavailable
 from .history import HistoryEntry
 from .schema import changes
-from .store import ResultStore, open_store
+from .store import AppendElsewhere, ResultStore, open_store
 
-# A page that waits longer for a locked database says so.
-_PATIENCE_S = 5.0
+CHANGE_PATIENCE_S = 5.0
+"""A page that waits longer for a locked database says so."""
 _LONGEST_NAME = 200  # as in the approval of a recipe
 # Categories of Unicode: control, format (such as a change of direction), surrogates, separators.
 _CONTROL = ("Cc", "Cf", "Cs", "Zl", "Zp")
@@ -72,8 +72,10 @@ def newest_changes(store: ResultStore, count: int) -> list[ChangeRecord]:
 class ResultsAccess:
     """Opens the results on first use; they may not exist yet."""
 
-    def __init__(self, folder: StationFolder) -> None:
-        self._folder = folder
+    def __init__(
+        self, folder: StationFolder, append_elsewhere: AppendElsewhere = lambda *_: False
+    ) -> None:
+        self._folder, self._append_elsewhere = folder, append_elsewhere
         self._lock = threading.Lock()
         self._store: ResultStore | None = None
 
@@ -93,10 +95,15 @@ class ResultsAccess:
                 results = config.results_in(self._folder.path)
                 try:
                     self._store = open_store(
-                        results, config.name, create=create, alone=False, patience_s=_PATIENCE_S
+                        results,
+                        config.name,
+                        create=create,
+                        alone=False,
+                        patience_s=CHANGE_PATIENCE_S,
                     )
                 except InputError as error:
                     raise ResultsUnavailable(str(error)) from error
+                self._store.append_elsewhere = self._append_elsewhere
             return self._store
 
     def close(self) -> None:

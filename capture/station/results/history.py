@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, Select, Text, cast, func, select
 
 from capture.station.domain.verdict import Cause, Decision
+from classify.base.errors import Ps4rigError
 
 from .part_result import PartResult, result_of, storable
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
@@ -139,7 +140,12 @@ def _page(
     """Return the first selected parts by number, or the last ones, the newest first."""
     order = results.c.number.desc() if is_newest else results.c.number
     rows = connection.execute(selected.order_by(order).limit(most))
-    return [_entry(dict(row)) for row in rows.mappings()]
+    try:
+        return [_entry(dict(row)) for row in rows.mappings()]
+    except (TypeError, ValueError) as error:
+        raise Ps4rigError(
+            f"somebody altered the results ({error}); ps4rig verify names the rows"
+        ) from error
 
 
 def counters(connection: Connection, station: str, selection: Selection) -> Counters:

@@ -22,6 +22,11 @@ def made_part_id(number: int) -> str:
     return f"part-{number:06d}"
 
 
+def bounded_part_id(text: str) -> str:
+    """Return a text that is still no id if it is none, in little memory and without surrogates."""
+    return text[: _LONGEST + 1].encode("utf-8", "backslashreplace").decode()
+
+
 def shown_part_id(part_id: str) -> str:
     """Return an id that may be invalid for lines of text: its beginning, escaped."""
     return escaped(part_id[:_LONGEST])

@@ -65,6 +65,10 @@ class RefusedTrigger(NamedTuple):
     part_id: str | None = None
 
 
+AppendElsewhere = Callable[[str, list[dict[str, Any]], str | None], bool]
+"""Lets another process append rows, as `ResultStore.append_rows`; False if there is none."""
+
+
 class ResultStore:
     """The results of one station, for any thread; `open_store` makes it.
 
@@ -77,6 +81,7 @@ class ResultStore:
     ) -> None:
         self.url, self.station, self._patience_s = url, station, patience_s
         self._writer, self._reader = writer, reader
+        self.append_elsewhere: AppendElsewhere = lambda *_: False
 
     def __enter__(self) -> Self:
         return self
@@ -184,6 +189,12 @@ class ResultStore:
             | {key: storable(cell) if isinstance(cell, str) else cell for key, cell in row.items()}
             for row in rows
         ]
+        if not self.append_elsewhere(table.name, new_rows, of_part):
+            self.append_rows(table.name, new_rows, of_part)
+
+    def append_rows(self, name: str, new_rows: list[dict[str, Any]], of_part: str | None) -> None:
+        """Append rows with their ``request``, by which a repeated call finds them; see `append`."""
+        table = begun_parts.metadata.tables[name]
         utc = require_utc(new_rows[0]["utc"])
 
         def work(connection: Connection) -> None:

@@ -12,7 +12,7 @@ import struct
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -21,6 +21,9 @@ from typing import Any, Literal
 from pydantic import TypeAdapter
 
 from capture.station.domain.errors import CannotListen, error_text
+from capture.station.domain.folder import StationFolder
+from capture.station.results.audit import ResultsAccess
+from capture.station.results.database import ResultsUnavailable
 from capture.station.run.events import RecipeLoaded
 from classify.base.models import Record
 
@@ -30,7 +33,7 @@ from .triggers import Accepted, Asker, RecipeRefusal, RecipeRefused, Refused, Tr
 
 NAME = "live.sock"
 MOST_PANELS = 8
-# A trigger has a part id and a recipe, an override a name and a verdict.
+# A change has two texts of 2000 characters, which JSON escapes in up to 12 bytes each.
 MOST_REQUEST_BYTES = 1 << 16
 # Threads that wait for the station in the name of one panel; further requests wait in its socket.
 MOST_REQUESTS = 16
@@ -42,13 +45,13 @@ _log = logging.getLogger(__name__)
 
 
 class Request(Record):
-    """A call of a method of `LiveStation`, with its number.
+    """A call of a method of `LiveStation`, or ``append`` of the results, with its number.
 
     ``withdraw`` has no reply: the client of the trigger with that number is gone.
     """
 
     id: int
-    call: Literal["submit", "load_recipe", "acknowledge", "announce", "withdraw"]
+    call: Literal["submit", "load_recipe", "acknowledge", "announce", "append", "withdraw"]
     arguments: tuple[Any, ...]
 
 
@@ -77,20 +80,23 @@ def live_address(folder: Path) -> Iterator[str]:
 
 
 @contextmanager
-def serving_live(folder: Path, live: LiveStation) -> Iterator[None]:
+def serving_live(folder: StationFolder, live: LiveStation) -> Iterator[None]:
     """Serve the socket of a run while the block runs; the folder is locked for this run."""
     with ExitStack() as stack:
+        results = stack.enter_context(closing(ResultsAccess(folder)))
         try:
             listener = stack.enter_context(socket.socket(socket.AF_UNIX, socket.SOCK_STREAM))
-            address = stack.enter_context(live_address(folder))
+            address = stack.enter_context(live_address(folder.path))
             Path(address).unlink(missing_ok=True)  # of a run that was killed
             listener.bind(address)
             stack.callback(partial(Path(address).unlink, missing_ok=True))
             Path(address).chmod(0o600)
             listener.listen(MOST_PANELS)
         except (AttributeError, OSError) as error:  # Windows has no such sockets
-            raise CannotListen(f"{folder / NAME}: {error}; give --no-panel") from error
-        accepting = threading.Thread(target=_accept, args=(listener, live), name="live socket")
+            raise CannotListen(f"{folder.path / NAME}: {error}; give --no-panel") from error
+        accepting = threading.Thread(
+            target=_accept, args=(listener, live, results), name="live socket"
+        )
         accepting.start()
         try:
             yield
@@ -100,7 +106,7 @@ def serving_live(folder: Path, live: LiveStation) -> Iterator[None]:
             accepting.join()
 
 
-def _accept(listener: socket.socket, live: LiveStation) -> None:
+def _accept(listener: socket.socket, live: LiveStation, results: ResultsAccess) -> None:
     panels: list[threading.Thread] = []
     while True:
         try:
@@ -111,7 +117,8 @@ def _accept(listener: socket.socket, live: LiveStation) -> None:
         if len(panels) >= MOST_PANELS or not _is_own(connection):
             connection.close()
             continue
-        panels.append(threading.Thread(target=_Panel(connection, live).serve, name="live panel"))
+        serve = _Panel(connection, live, results).serve
+        panels.append(threading.Thread(target=serve, name="live panel"))
         panels[-1].start()
     for panel in panels:
         panel.join()
@@ -128,8 +135,10 @@ def _is_own(connection: socket.socket) -> bool:
 class _Panel:
     """A connected panel: a thread sends, one reads, and some wait for the station."""
 
-    def __init__(self, connection: socket.socket, live: LiveStation) -> None:
-        self._connection, self._live = connection, live
+    def __init__(
+        self, connection: socket.socket, live: LiveStation, results: ResultsAccess
+    ) -> None:
+        self._connection, self._live, self._results = connection, live, results
         self._woken = threading.Event()
         self._subscription = live.subscribe(self._woken.set)
         self._sending = threading.Lock()
@@ -193,6 +202,8 @@ class _Panel:
             outcome: dict[str, Any] = {"value": self._called(request)}
         except RecipeRefused as error:
             outcome = {"refused": error.kind, "reason": str(error)}
+        except ResultsUnavailable as error:
+            outcome = {"reason": str(error)}
         except Exception as error:
             _log.exception("a request of a panel")
             outcome = {"refused": RecipeRefusal.UNFORESEEN, "reason": error_text(error)}
@@ -213,4 +224,7 @@ class _Panel:
                 return live.acknowledge(part_id, by)
             case "announce", (about,):
                 live.announce(about)
+            case "append", (table, rows, of_part):
+                self._results.made().append_rows(table, rows, of_part)
+                return True
         return None

@@ -162,13 +162,19 @@ class LiveStation(LiveView):
             if device not in self._state.tested:
                 self.publish(device)
 
-    def acknowledge(self, part_id: str, by: str) -> bool:
-        """Record that somebody has seen a rejected part; False if it is not among the last."""
+    def acknowledge(self, part_id: str | None, by: str) -> bool:
+        """Record that somebody has seen a rejected part; None is the fault that stops the line.
+
+        False if the part is not among the last, or no fault stops the line.
+        """
         with self._lock:
             rejected = {part.result.part_id: part for part in self._state.rejected}
-            if part_id not in rejected:
+            if part_id is None:
+                if not self._state.is_stopped_by_errors:
+                    return False
+            elif part_id not in rejected:
                 return False
-            if rejected[part_id].acknowledged_by is None:
+            elif rejected[part_id].acknowledged_by is None:
                 self.publish(PartAcknowledged(part_id, by))
         if self._target is not None:
             self._target.resume()

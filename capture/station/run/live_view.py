@@ -149,6 +149,10 @@ class LiveView:
             for subscription in self._subscriptions:
                 subscription.put(event)
 
+    def append(self, table: str, rows: list[dict[str, Any]], of_part: str | None) -> bool:  # noqa: ARG002
+        """Let the run append rows to the results; False if it is this process, or there is none."""
+        return False
+
     def close(self) -> None:
         """End all subscriptions; no event comes any more."""
         with self._lock:

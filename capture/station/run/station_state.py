@@ -85,6 +85,11 @@ class StationState:
         }
         return tuple(failed.get(device.name, device) for device in self.tested)
 
+    @property
+    def is_stopped_by_errors(self) -> bool:
+        """Whether the line stands until somebody acknowledges the errors in a row."""
+        return self.fault is not None and self.fault.in_a_row > 0
+
     def fields(self) -> dict[str, Any]:
         """Return the state as fields of JSON."""
         fields = dict(vars(self)) | {

@@ -114,7 +114,7 @@ def _run_a_station(folder: Path, port: int, session: int, journal: Journal) -> N
         with (
             live.telling(line.tell),
             serving_modbus(line, ModbusConfig(host=_HOST, port=port)),
-            serving_live(folder, live),
+            serving_live(opened, live),
         ):
             run_station(opened, SMALL_RIG, NoTriggers(), live)
 

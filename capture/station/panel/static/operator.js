@@ -17,6 +17,7 @@ let counts = { PASS: 0, FAIL: 0, UNKNOWN: 0, ERROR: 0 };
 let refused = 0;
 let rejected = []; // the newest first
 let state = "";
+let isStopped = false; // by errors in a row, until somebody acknowledges them
 let inspected = null; // the part that has no verdict yet
 let heardMs = Date.now();
 let isConnected = true;
@@ -65,8 +66,15 @@ function showCounts() {
   setText("refused", String(refused));
 }
 
-function showState(name, reason) {
+function allowAcknowledge() {
+  byId("acknowledge").disabled = !isConnected
+    || !(isStopped || rejected.some((part) => !part.acknowledged_by));
+}
+
+function showState(name, reason, fault) {
   state = name;
+  isStopped = fault !== null && fault.in_a_row > 0;
+  allowAcknowledge();
   setText("now", inspected === null ? `${name}: ${reason}` : `inspecting ${inspected} (${name})`);
   byId("trigger").disabled = state !== "ready" || !isConnected;
 }
@@ -110,7 +118,7 @@ function showRejected() {
   }));
   tellRejected();
   forgetThumbnails(rejected);
-  byId("acknowledge").disabled = !isConnected || !rejected.some((part) => !part.acknowledged_by);
+  allowAcknowledge();
 }
 
 function showSnapshot(all) {
@@ -120,7 +128,7 @@ function showSnapshot(all) {
   counts = all.announced;
   refused = all.refused;
   rejected = all.rejected;
-  showState(all.state, all.reason);
+  showState(all.state, all.reason, all.fault);
   showRecipe(all.recipe);
   showVerdict(inspected !== null);
   showCounts();
@@ -131,7 +139,7 @@ function showSnapshot(all) {
 
 const takes = {
   snapshot: showSnapshot,
-  state: (event) => showState(event.state, event.reason),
+  state: (event) => showState(event.state, event.reason, event.fault),
   recipe: showRecipe,
   devices: (event) => showDevices(event.devices),
   begun: (event) => {
@@ -152,7 +160,7 @@ const takes = {
     showCounts();
   },
   refused: (event) => {
-    refused += 1;
+    refused += event.triggers;
     showCounts();
     setText("message", `trigger refused: ${event.reason}`);
   },
@@ -257,7 +265,9 @@ function trigger() {
 
 function acknowledge() {
   const part = rejected.find((each) => !each.acknowledged_by);
-  if (part && isConnected) change(`/api/v1/parts/${encodeURIComponent(part.part_id)}/acknowledge`);
+  if (!isConnected) return;
+  if (part) change(`/api/v1/parts/${encodeURIComponent(part.part_id)}/acknowledge`);
+  else if (isStopped) change("/api/v1/acknowledge");
 }
 
 byId("trigger").addEventListener("click", trigger);

@@ -18,6 +18,7 @@ import pytest
 from sqlalchemy import select
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.domain.fault import Fault
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.roles import Role
@@ -32,7 +33,7 @@ from capture.station.run.events import TriggerRefused
 from capture.station.run.recovery import finish_interrupted
 from capture.station.run.triggers import Accepted, Refused, Trigger, TriggerTooLate
 from tests.capture.station.line.lines import until_so
-from tests.capture.station.panel.panels import RunningPanel, running_panel
+from tests.capture.station.panel.panels import WAIT_S, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
 from tests.memory_growth import growth_bytes
 
@@ -348,6 +349,27 @@ def test_an_operator_acknowledges_a_rejected_part_once(panel: RunningPanel) -> N
     changes = panel.client(Role.ENGINEER).get("/api/v1/audit").json["changes"]
     assert [change["after"] for change in changes] == ["acknowledged"]
     assert panel.local.post("/api/v1/parts/nobody/acknowledge").status == 404
+
+
+def test_an_operator_acknowledges_errors_in_a_row_of_which_no_part_was_begun(
+    panel: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = Fault(Cause.STORAGE, "40 MB free on the disk", "disk")
+    panel.until_ready()
+    assert panel.local.post("/api/v1/acknowledge").status == 409
+    with monkeypatch.context() as patch:
+        patch.setattr("capture.station.run.cycle.disk_fault", lambda *_: full)
+        ends_s = time.monotonic() + WAIT_S
+        while not panel.live.state.is_stopped_by_errors:
+            assert time.monotonic() < ends_s
+            assert panel.local.post("/api/v1/trigger").status == 409
+    assert panel.live.state.rejected == ()
+    assert panel.local.post("/api/v1/acknowledge").status == 200
+    panel.until_ready()
+    assert panel.parts(1)
+    [change] = panel.client(Role.ENGINEER).get("/api/v1/audit").json["changes"]
+    assert (change["what"], change["after"]) == ("station line-1", "acknowledged")
+    assert change["before"].startswith("40 MB free on the disk; 5 errors in a row")
 
 
 def test_metrics_are_those_of_the_run(panel: RunningPanel) -> None:

@@ -30,7 +30,7 @@ NAMES = {
 CALLS: dict[str, tuple[int, dict[str, Any]]] = {
     "openapi": (200, {}), "state": (200, {}), "metrics": (200, {}), "trigger": (202, {}),
     "parts": (200, {}), "parts_csv": (200, {}), "counts": (200, {}), "part": (200, {}),
-    "captured_set": (200, {}), "acknowledge": (200, {}),
+    "captured_set": (200, {}), "acknowledge": (200, {}), "acknowledge_fault": (409, {}),
     "override": (200, {"decision": "PASS", "reason": "a hair"}), "audit": (200, {}),
     "pictures": (200, {}), "picture": (200, {}),
     "statistics": (200, {}), "statistics_csv": (200, {}), "statistics_png": (200, {}),

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from capture.sets.captured_set import CapturedSet
+from capture.station.domain.fault import Fault
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel.part_pictures import picture_maker
@@ -75,8 +76,8 @@ def test_each_verdict_has_its_word_shape_and_colour(panel: RunningPanel, browser
 
 
 @pytest.mark.browser
-def test_rejected_parts_are_acknowledged_from_the_keyboard(
-    panel: RunningPanel, browser: Chromium
+def test_rejected_parts_and_errors_are_acknowledged_from_the_keyboard(
+    panel: RunningPanel, browser: Chromium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     panel.panel.users.put("ada", Role.OPERATOR, PASSWORD)
     panel.bench.inspector.inspect = lambda _: Said(VERDICTS[Decision.FAIL])
@@ -90,6 +91,15 @@ def test_rejected_parts_are_acknowledged_from_the_keyboard(
     assert page.value("acknowledge.disabled")
     assert panel.live.snapshot().rejected[0].acknowledged_by == "ada"
     assert page.errors() == []
+    full = Fault(Cause.STORAGE, "40 MB free on the disk", "disk")
+    with monkeypatch.context() as patch:
+        patch.setattr("capture.station.run.cycle.disk_fault", lambda *_: full)
+        while not panel.live.state.is_stopped_by_errors:
+            page.until("!trigger.disabled || now.textContent.includes('in a row')")
+            page.press("F8")
+    page.until("trigger.disabled && !acknowledge.disabled")
+    page.press("F9")
+    page.until("!trigger.disabled && acknowledge.disabled")
 
 
 @pytest.mark.browser

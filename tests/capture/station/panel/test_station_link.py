@@ -2,11 +2,14 @@
 
 import json
 import socket
+import sqlite3
 import struct
 import threading
 import time
+import urllib.error
+import urllib.request
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 
@@ -14,10 +17,15 @@ import pytest
 
 from capture.station.domain.errors import CannotListen
 from capture.station.domain.folder import StationFolder, make_station
+from capture.station.domain.roles import Identity, Role
 from capture.station.domain.verdict import Cause
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
 from capture.station.panel.station_link import NO_RUN, RunUnavailable, StationLink
+from capture.station.results import audit
+from capture.station.results.database import ResultsUnavailable
+from capture.station.results.part_id import require_given_part_id
+from capture.station.results.store import open_store
 from capture.station.run import live_socket
 from capture.station.run.events import PartAnnounced, PartBegun, RecipeLoaded, StateChanged
 from capture.station.run.live_socket import MOST_PANELS, MOST_REQUEST_BYTES, serving_live
@@ -35,8 +43,10 @@ from capture.station.run.triggers import (
     Refused,
     Trigger,
 )
+from classify.base.errors import InputError
 from tests.capture.station.panel.panels import ANY_PORT, Client
 from tests.capture.station.panel.test_live import error, result
+from tests.capture.station.results.parts import inspect
 
 WAIT_S = 30.0
 ADA = Asker("Ada", "engineer", "0" * 64)
@@ -80,7 +90,7 @@ def folder(tmp_path: Path) -> StationFolder:
 def running(folder: StationFolder) -> Iterator[LiveStation]:
     live = LiveStation("line-1", simulated=True)
     live.attach(Station(live))  # type: ignore[arg-type]
-    with serving_live(folder.path, live):
+    with serving_live(folder, live):
         yield live
 
 
@@ -175,6 +185,23 @@ def test_the_run_hears_of_the_age_of_a_trigger_and_of_a_client_that_leaves(
         assert heard[0].at_s == asked.at_s
 
 
+@pytest.mark.parametrize("part_id", ["\ud800", "A\n", "\N{CJK UNIFIED IDEOGRAPH-4E00}" * 21_000])
+def test_a_trigger_with_an_id_that_is_none_leaves_the_panel_connected(
+    folder: StationFolder, part_id: str
+) -> None:
+    with linked(folder) as link, running(folder) as live:
+        until(lambda: link.run == live.run)
+        with serving_panel(Panel(folder, link, ANY_PORT)) as url:
+            body = json.dumps({"part_id": part_id}, ensure_ascii=len(part_id) == 1)
+            headers = {"Content-Type": "application/json"}
+            request = urllib.request.Request(f"{url}api/v1/trigger", body.encode(), headers)
+            with pytest.raises(urllib.error.HTTPError, match="409"):
+                urllib.request.urlopen(request, timeout=WAIT_S)
+            [asked] = live._target.asked  # type: ignore[union-attr]
+            with pytest.raises(InputError, match="give 1 to 100 letters"):
+                require_given_part_id(asked.part_id)
+
+
 def test_a_panel_without_a_run_says_so_and_follows_the_next_one(folder: StationFolder) -> None:
     with linked(folder) as link:
         panel = Panel(folder, link, ANY_PORT)
@@ -222,7 +249,7 @@ def test_who_sees_the_state_of_a_run_may_send_a_request(folder: StationFolder) -
 
     with linked(folder) as link:
         link.subscribe(wake)
-        with serving_live(folder.path, live):
+        with serving_live(folder, live):
             until(lambda: asking.ident is not None)
             asking.join(WAIT_S)
     assert answers == [Accepted("part-000001", 1)]
@@ -265,6 +292,40 @@ def connected(folder: StationFolder) -> Iterator[socket.socket]:
         connection.settimeout(WAIT_S)
         connection.connect(address)
         yield connection
+
+
+def test_the_run_writes_the_changes_of_its_panel(
+    folder: StationFolder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A panel that a debugger stops in mid-write would hold the lock that results wait for."""
+    monkeypatch.setattr(audit, "CHANGE_PATIENCE_S", 0.1)
+    results = folder.config.results_in(folder.path)
+    kim = Identity("kim", Role.ENGINEER, "page")
+    with open_store(results, folder.config.name, create=True) as store:
+        inspect(store)
+        with linked(folder) as link:
+            access = audit.ResultsAccess(folder, link.append)
+            with running(folder), monkeypatch.context() as patch, closing(access):
+                until(lambda: link.run != "")
+                patch.setattr(access.store, "append_rows", None)
+                audit.ChangeLog(folder, access).record(kim, "user lee", None, "operator")
+                entry = store.part("part-000001")
+                assert entry is not None
+                about = {"decision": "FAIL", "by": "kim", "reason": "a hair"}
+                log = audit.ChangeLog(folder, access)
+                audit.override_part(access.store, log, kim, entry, **about)
+                with closing(sqlite3.connect(results, isolation_level=None)) as other:
+                    other.execute("BEGIN IMMEDIATE")
+                    with pytest.raises(ResultsUnavailable, match=r"nothing was changed.*locked"):
+                        log.record(kim, "user lee", "operator", None)
+            until(lambda: link.state.reason == NO_RUN)
+            audit.ChangeLog(folder, access).record(kim, "user lee", "operator", None)
+        overridden = store.part("part-000001")
+        assert overridden is not None
+        assert overridden.decision == "FAIL"
+        assert [change.what for change in audit.newest_changes(store, 9)] == [
+            "user lee", "part part-000001", "user lee",
+        ]  # fmt: skip
 
 
 def test_only_the_user_of_the_run_may_follow_it(

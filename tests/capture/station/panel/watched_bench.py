@@ -20,7 +20,7 @@ def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
     settle_process()  # before numpy is imported
 
     from capture.station.domain.config import CONFIG
-    from capture.station.domain.folder import make_station
+    from capture.station.domain.folder import StationFolder, make_station
     from capture.station.panel.listening import panel_address, panel_listener
     from capture.station.panel.process import panel_process
     from capture.station.run.bench import run_bench
@@ -41,7 +41,10 @@ def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
 
     live = MeasuredStation("bench", simulated=True)
     listener = panel_listener(folder, ANY_PORT)
-    with serving_live(folder, live), panel_process(folder, ANY_PORT, listener, print):
+    with (
+        serving_live(StationFolder(folder), live),
+        panel_process(folder, ANY_PORT, listener, print),
+    ):
         print(panel_address(ANY_PORT, listener), flush=True)
         sys.stdin.readline()
         result = run_bench(folder, parts, frame_px, classes, live=live)

@@ -8,10 +8,11 @@ import pytest
 from capture import CapturedSet
 from capture.station.domain.config import example_config
 from capture.station.domain.folder import StationFolder
+from capture.station.domain.verdict import Decision
 from capture.station.results.removals import record_removals
 from capture.station.results.store import ResultStore, open_store
 from capture.station.results.verification import verify_station
-from classify.base.errors import InputError
+from classify.base.errors import InputError, Ps4rigError
 
 from .parts import UTC, begin, inspect
 
@@ -92,6 +93,25 @@ def test_rows_that_somebody_took_away_are_found(folder: Path, store: ResultStore
     chain, numbers = verify_station(folder)
     assert "links 2 to 2 of the chain of hashes" in chain.details
     assert "1 of 3 numbers of parts are missing" in numbers.details
+
+
+@pytest.mark.parametrize(
+    "change", ["decision = 'PASS'", "causes = 'none'", "causes = '[\"a cause\"]'"]
+)
+def test_a_row_that_no_result_has_is_named(
+    folder: Path, store: ResultStore, kept: Path, change: str
+) -> None:
+    inspect(store, Decision.UNKNOWN)
+    with sqlite3.connect(folder / "results.sqlite") as other:
+        other.execute("DROP TRIGGER results_no_update")
+        other.execute(f"UPDATE results SET {change} WHERE number = 2")
+    assert kept.is_file()
+    details = [finding.details for finding in verify_station(folder)]
+    assert "its results cannot be read: " in details[-1]
+    with pytest.raises(Ps4rigError, match="somebody altered the results"):
+        [*store.parts()]
+    if "'none'" not in change:
+        assert "link 2 of the chain of hashes, in results, part part-000002, was" in details[0]
 
 
 def test_a_head_that_was_kept_elsewhere_must_still_be_in_the_chain(
