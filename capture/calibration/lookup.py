@@ -35,10 +35,7 @@ def find_calibration(
     chosen: Path | None,
     remedy: str,
 ) -> FoundCalibration | None:
-    """Find the calibration of the set at `path`: `chosen`, or one of the `hashes`, beside the set.
-
-    `remedy` ends the message about a missing one.
-    """
+    """Find the calibration of a set: `chosen`, or one of the `hashes` beside the file at `path`."""
     if chosen is not None:
         place, file = chosen, read_calibration(chosen)
     elif hashes:
