@@ -33,9 +33,9 @@ class NoFreshFrameError(CameraError):
 
     def __init__(self, counts: Counter[FrameKind], waited_s: float) -> None:
         received = ", ".join(f"{count} {kind.value}" for kind, count in counts.items())
-        self.found = f"{received} in {waited_s:.1f} s"
+        self.counts = f"{received} in {waited_s:.1f} s"
         super().__init__(
-            f"no fresh frame after a switch of the lights ({self.found}); run ps4rig rig latency "
+            f"no fresh frame after a switch of the lights ({self.counts}); run ps4rig rig latency "
             "to measure what the camera's time stamps mean; if they are not on the rig's clock, "
             "use another camera"
         )

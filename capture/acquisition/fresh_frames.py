@@ -200,7 +200,7 @@ class FreshFrames:
         except NoFreshFrameError as error:
             raise SetRejected(
                 f"set rejected: no good frame under {light_name(self._rig, self._light)} "
-                f"({error.found}, {self.lost} lost); check the camera's cable, or run ps4rig rig "
+                f"({error.counts}, {self.lost} lost); check the camera's cable, or run ps4rig rig "
                 "latency"
             ) from None
 

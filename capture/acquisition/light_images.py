@@ -25,10 +25,7 @@ class SetImage:
 
 
 class FrameMean:
-    """Mean of `count` frames, which are added one by one; a single frame stays unchanged.
-
-    `records` holds the sequence number and exposure of each frame.
-    """
+    """Mean of `count` frames, which are added one by one; a single frame stays unchanged."""
 
     def __init__(self, info: CameraInfo, count: int) -> None:
         self._full_scale = (1 << info.bit_depth) - 1

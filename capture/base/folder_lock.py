@@ -43,7 +43,7 @@ def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
         ) from error
     except OSError as error:
         raise InputError(
-            f"{folder}: cannot be locked: {error.strerror or error}{_way_out(error)}"
+            f"{folder}: cannot be locked: {error.strerror or error}{_remedy(error)}"
         ) from error
     try:
         _write_owner(owner_path)
@@ -62,14 +62,14 @@ def file_lock(path: Path, patience_s: float) -> Iterator[None]:
     except BlockingIOError as error:
         raise InputError(f"{path}: another program changes it; try again") from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be locked: {error}{_way_out(error)}") from error
+        raise InputError(f"{path}: cannot be locked: {error}{_remedy(error)}") from error
     try:
         yield
     finally:
         release()
 
 
-def _way_out(error: OSError) -> str:
+def _remedy(error: OSError) -> str:
     if error.errno not in _NO_LOCKS:
         return ""
     return (

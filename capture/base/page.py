@@ -1,4 +1,4 @@
-"""Self-contained HTML pages from Jinja2 templates, which extend ``base/skeleton.html``."""
+"""HTML pages from Jinja2 templates; self-contained ones extend ``base/skeleton.html``."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .utc_time import local_time
+
 if TYPE_CHECKING:
     from jinja2 import Environment
     from matplotlib.figure import Figure
@@ -18,22 +20,24 @@ _TEMPLATES = Path(__file__).parents[1]
 
 def rendered(template: str, **values: Any) -> str:
     """Return a page from a template below ``capture/``; values are escaped, except `Markup`."""
-    return _environment().get_template(template).render(values)
+    return templates().get_template(template).render(values)
 
 
 @cache
-def _environment() -> Environment:
+def templates(folder: Path = _TEMPLATES) -> Environment:
+    """Return the templates of a folder."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=True,
+        loader=FileSystemLoader(folder),
+        autoescape=True,  # of every template, whatever its name
         undefined=StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
     environment.filters["number"] = number_text
     environment.filters["percent"] = "{:.1%}".format
+    environment.filters["time"] = local_time
     environment.globals["version"] = version("ps4rig")
     return environment
 

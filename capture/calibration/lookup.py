@@ -33,16 +33,13 @@ def find_calibration(
     setting: Setting,
     created_utc: str,
     chosen: Path | None,
-    way_out: str,
+    remedy: str,
 ) -> FoundCalibration | None:
-    """Find the calibration of the set at `path`: `chosen`, or one of the `hashes`, beside the set.
-
-    `way_out` ends the message about a missing one.
-    """
+    """Find the calibration of a set: `chosen`, or one of the `hashes` beside the file at `path`."""
     if chosen is not None:
         place, file = chosen, read_calibration(chosen)
     elif hashes:
-        place, file = _named(path, hashes, way_out)
+        place, file = _named(path, hashes, remedy)
     else:
         return None
     check_setting(file, setting, str(path))
@@ -97,7 +94,7 @@ def _hash_at(path: Path) -> str | None:
         return None
 
 
-def _named(path: Path, hashes: tuple[str, ...], way_out: str) -> tuple[Path, CalibrationFile]:
+def _named(path: Path, hashes: tuple[str, ...], remedy: str) -> tuple[Path, CalibrationFile]:
     """The calibration with one of these hashes."""
     others: list[str] = []
     for candidate in _candidates(path):
@@ -112,7 +109,7 @@ def _named(path: Path, hashes: tuple[str, ...], way_out: str) -> tuple[Path, Cal
     candidates = f" ({'; '.join(others)})" if others else ""
     raise CalibrationError(
         f"{path}: was captured with the calibration {hashes[0][:_DIGITS]}, which is neither beside "
-        f"it nor in a folder {FOLDER}{candidates}; copy it there, or {way_out}"
+        f"it nor in a folder {FOLDER}{candidates}; copy it there, or {remedy}"
     )
 
 

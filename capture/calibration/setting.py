@@ -99,10 +99,10 @@ class Setting(Record):
                     f"photographs taken as {other.photograph_gamma} instead of "
                     f"{self.photograph_gamma}"
                 )
-            mine, its = self._controls, other._controls
-            for name in sorted(mine.keys() & its.keys()):
-                if mine[name] != its[name]:
-                    yield f"{name} {its[name]:g} instead of {mine[name]:g}"
+            present, others = self._controls, other._controls
+            for name in sorted(present.keys() & others.keys()):
+                if present[name] != others[name]:
+                    yield f"{name} {others[name]:g} instead of {present[name]:g}"
         if part in _DEPENDS_ON_EXPOSURE and self.exposure_ms and other.exposure_ms:
             change = abs(other.exposure_ms / self.exposure_ms - 1.0)
             if change > SAME_EXPOSURE:

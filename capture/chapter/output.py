@@ -78,10 +78,7 @@ _Table = list[list[tuple[str, str]]]
 
 @dataclass(frozen=True)
 class PageInfo:
-    """Name of a page, the HTML file of its introduction, and the meaning of its numbers.
-
-    The texts of the exhibits are in ``notes.toml`` beside the introduction.
-    """
+    """Name of a page, the HTML file of its introduction, and the meaning of its numbers."""
 
     page: str
     introduction: Path
@@ -90,7 +87,7 @@ class PageInfo:
 
     @property
     def texts(self) -> dict[str, _Text]:
-        """Texts of the exhibits, by their keys."""
+        """Texts of the exhibits by their keys, from ``notes.toml`` beside the introduction."""
         return read_texts(self.introduction.with_name("notes.toml"))
 
 

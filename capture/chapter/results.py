@@ -252,14 +252,11 @@ class Trials(dict[System, list[Trial]]):
 
 @dataclass(frozen=True, eq=False)
 class Results:
-    """Measurements of all exhibits.
-
-    `shadow_shares` holds the share of pixels in shadow of a light at each tilt, by texture and
-    slant in degrees.
-    """
+    """Measurements of all exhibits."""
 
     plan: Plan
     trials: Trials
+    # Of the pixels, in shadow of a light at each tilt; by texture and slant in degrees.
     shadow_shares: dict[tuple[str, float], tuple[float, ...]]
     polar: dict[float, _Polar]  # of sand, by orientation in degrees
     maps: _SandMaps

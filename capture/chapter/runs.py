@@ -82,10 +82,7 @@ def solves_as_planar(method: Method) -> bool:
 
 
 class CachedPatch:
-    """One patch under any conditions; each scene, solution and observation is computed once.
-
-    `frame_px` is the side of the largest frame needed.
-    """
+    """One patch under any conditions; each scene, solution and observation is computed once."""
 
     def __init__(self, position: PatchPosition, frame_px: int) -> None:
         self.position = position

@@ -106,10 +106,7 @@ class SessionTerminal:
                 )
 
     def ask(self, question: events.Question) -> Answer:
-        """Ask until there is an answer; no more input means stop.
-
-        While a specimen is placed, the page of the view shows it.
-        """
+        """Ask until there is an answer; no more input means stop."""
         if isinstance(question, events.PlaceSpecimen) and self._view is not None:
             with self._view.placing(question):
                 return self._answer(question)

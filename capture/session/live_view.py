@@ -166,9 +166,7 @@ class PlacementGuide:
         return cls(outline.rotated(asked_deg - first_deg), reference, asked_deg)
 
     def orientation_text(self, lighting: Lighting, frames: Sequence[Frame]) -> str | None:
-        """Say at which orientation a part lies, from a frame under each light; None if
-        undetermined.
-        """
+        """Say how a part lies, from a frame under each light; None if that is undetermined."""
         images = np.stack([frame.pixels for frame in frames])
         full_scale = (1 << frames[0].bit_depth) - 1
         try:

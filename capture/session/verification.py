@@ -52,10 +52,7 @@ class FileFinding:
 
 
 def files_below(folder: Path, *names: str) -> list[Path]:
-    """Return all sets, libraries, calibrations and journals in a folder and below, sorted.
-
-    Files that a session has replaced are left out.
-    """
+    """Return all sets, libraries, calibrations and journals in use below a folder, sorted."""
     if not folder.is_dir():
         wrong = "is a file; give its folder" if folder.exists() else "no such folder"
         raise InputError(f"{folder}: {wrong}")

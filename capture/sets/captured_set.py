@@ -30,7 +30,7 @@ from classify.images import ImageStack
 from .metadata import SetMetadata, image_noise
 
 _OF_THE_CAMERA = {"exposure_ms", "gain", "gamma", "pixel_value_controls"}
-_WAY_OUT = "pass another one as calibration=, or raw=True for none"
+_REMEDY = "pass another one as calibration=, or raw=True for none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +168,7 @@ class CapturedSet:
         if own is not None and own.hash in self.metadata.calibration_ids:
             return own.calibration
         path = self.path or Path("a set without a file")
-        calibration = calibration_of(path, self.metadata, self.images.shape[1:], way_out=_WAY_OUT)
+        calibration = calibration_of(path, self.metadata, self.images.shape[1:], remedy=_REMEDY)
         for text in () if calibration is None else calibration.warnings:
             warnings.warn(f"{path}: {text}", stacklevel=3)
         return Calibration() if calibration is None else calibration.file.calibration
@@ -229,11 +229,11 @@ def calibration_of(
     metadata: SetMetadata,
     shape: tuple[int, ...],
     chosen: Path | None = None,
-    way_out: str = "give --calibration CAL (solve, compare and export can leave it out with --raw)",
+    remedy: str = "give --calibration CAL (solve, compare and export can leave it out with --raw)",
 ) -> FoundCalibration | None:
     """Find the calibration of the set at `path` with images of `shape`; see `find_calibration`."""
     ids, setting = metadata.calibration_ids, _setting_of(metadata, shape)
-    return find_calibration(path, ids, setting, metadata.created_utc, chosen, way_out)
+    return find_calibration(path, ids, setting, metadata.created_utc, chosen, remedy)
 
 
 def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:

@@ -121,10 +121,7 @@ def _response(
 def read_mask(
     path: Path, frame: tuple[int, int], crop: Crop | None, orientation: int | None = None
 ) -> BoolArray:
-    """Read a mask of the size `frame`, (rows, columns): true above mid-grey.
-
-    `orientation` is that of the photographs, if known.
-    """
+    """Read a mask of photographs with this frame, (rows, columns): true above mid-grey."""
     image, metadata = read_image_file(path)
     if orientation is not None and metadata.orientation not in (1, orientation):
         raise InputError(

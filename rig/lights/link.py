@@ -9,7 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 from firmware_sim import crc8
-from firmware_sim.firmware import MAX_SEQUENCE
+from firmware_sim.firmware import MAX_SEQUENCE, PROTOCOL_VERSION
 from rig.errors import LightControllerError
 
 from .serial_line import Patience, SerialLine
@@ -54,7 +54,6 @@ def decode_reply(line: bytes) -> Reply:
     )
 
 
-PROTOCOL_VERSION = 2
 _VENDOR = "PS4RIG"
 _WRITE_PATIENCE = 20.0  # times the time-out of a reply (test_driver.py: "stands still")
 _SIMULATED = "SIM-"  # the beginning of a simulated board's serial number

@@ -1,15 +1,14 @@
 """Pages from the templates of this folder, and answers in JSON."""
 
 import json
-from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from starlette.responses import HTMLResponse, JSONResponse
 
-from capture.base.utc_time import local_time, local_zone
+from capture.base.page import templates
+from capture.base.utc_time import local_zone
 from capture.station.domain.roles import Role
 
 if TYPE_CHECKING:
@@ -29,19 +28,6 @@ _MENU = (
     ("/changes", "Changes", Role.ENGINEER),
     ("/api", "API", Role.OPERATOR),
 )
-
-
-@cache
-def _environment() -> Environment:
-    made = Environment(
-        loader=FileSystemLoader(_HERE / "templates"),
-        autoescape=True,  # of every template, whatever its name
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    made.filters["time"] = local_time
-    return made
 
 
 class JsonAnswer(JSONResponse):
@@ -66,4 +52,5 @@ def page(call: "Call", template: str, status: int = 200, **values: Any) -> HTMLR
         "zone": local_zone(),
         "version": version("ps4rig"),
     }
-    return HTMLResponse(_environment().get_template(template).render(about | values), status)
+    text = templates(_HERE / "templates").get_template(template).render(about | values)
+    return HTMLResponse(text, status)
