@@ -322,7 +322,8 @@ def _basis(blocks: PlateBlocks, degree: int) -> Floats:
     """(folds, blocks, terms) values of y^i x^j."""
     i, j = exponents(degree)
     x, y = powers(blocks.x, TERMS), powers(blocks.y, TERMS)
-    return np.moveaxis(by_fold(y.T[i][:, :, None] * x.T[j][:, None, :]), 0, -1)
+    terms = by_fold(y.T[i][:, :, None] * x.T[j][:, None, :])
+    return np.ascontiguousarray(np.moveaxis(terms, 0, -1))
 
 
 def _edges(centres: Floats) -> Floats:

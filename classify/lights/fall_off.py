@@ -20,6 +20,7 @@ from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
 from .flat_field import (
+    FOLDS,
     MEDIAN_SQUARE,
     TUKEY,
     FlatField,
@@ -54,7 +55,9 @@ _DARK, _BRIGHT = 0.05, 0.95
 # has 6 terms, and some of the blocks lie in a line.
 _MIN_BLOCKS = 32
 _TINY = 1e-30
-_BLOCK_SAMPLES = _SAMPLES // _BLOCKS
+_BLOCK_SAMPLES, _FOLD_BLOCKS = _SAMPLES // _BLOCKS, _BLOCKS // FOLDS
+_FOLDED = FOLDS**2, _FOLD_BLOCKS**2
+_INFINITY = np.uint32(0x7F800000)  # the bits of a float
 
 
 def fall_off(
@@ -64,30 +67,42 @@ def fall_off(
     mask: BoolArray | None = None,
 ) -> FlatField | None:
     """Fit the fall-off of the lights over a planar part; None if too little is lit."""
-    samples = _Samples.of(stack, lighting, full_scale, mask)
-    even = np.zeros((len(lighting), _TERMS, _TERMS))
-    coefficients, residuals, weights = samples.refined(even, _DEGREE)
+    grid = _Grid.of(stack.shape)
+    flat = lighting.directions[:, 2] * lighting.intensities
+    values = np.empty((len(lighting), _SAMPLES, _SAMPLES), np.float32)
+    usable = np.ones((_SAMPLES, _SAMPLES), np.bool_)
+    if mask is not None:
+        usable[:] = mask[grid.rows[:, None], grid.columns]
+    _read(
+        stack.images, stack.dark_rows, grid.rows, grid.columns,
+        (flat.mean() / flat).astype(np.float32),
+        np.float32(np.inf if full_scale is None else full_scale), values, usable,
+    )  # fmt: skip
+    samples = values, usable, grid.x, grid.y
+    coefficients = np.zeros((len(lighting), _TERMS, _TERMS))
+    means, weights = np.empty((len(lighting), *_FOLDED)), np.empty(_FOLDED)
+    _refine(*samples, grid.bases[_DEGREE], *exponents(_DEGREE), coefficients, means, weights)
     if np.count_nonzero(weights) < _MIN_BLOCKS:
         return None
     low, high = (
-        prediction_error(samples.grid.bases[degree], residuals, weights)
-        for degree in (_DEGREE, _HIGHER_DEGREE)
+        prediction_error(grid.bases[degree], means, weights) for degree in (_DEGREE, _HIGHER_DEGREE)
     )
-    if high < _CLEARLY_BETTER * low and _no_relief(lighting, *samples.residuals(even)):
-        coefficients, *_ = samples.refined(coefficients, _HIGHER_DEGREE)
-    logarithms = [values[samples.usable] for values in samples.grid.polynomials(coefficients)]
-    return FlatField(
-        coefficients, np.array([(values.min(), values.max()) for values in logarithms])
-    )
+    if high < _CLEARLY_BETTER * low:
+        _find_means(*samples, 0.0 * coefficients, means, weights)
+        if _no_relief(lighting, means, weights):
+            basis, terms = grid.bases[_HIGHER_DEGREE], exponents(_HIGHER_DEGREE)
+            _refine(*samples, basis, *terms, coefficients, means, weights)
+    return FlatField(coefficients, _bounds(*samples[1:], coefficients))
 
 
 @dataclass(frozen=True, eq=False)
 class _Grid:
     """Samples of a frame, symmetric about its middle, and the blocks that they form."""
 
-    pixels: Indices  # (n * n,) flat indices of the samples
-    x_powers: Floats  # (n, 5)
-    y_powers: Floats  # (n, 5)
+    rows: Indices  # (n,)
+    columns: Indices  # (n,)
+    x: FloatMap  # (n,) coordinates of the columns
+    y: FloatMap  # (n,) coordinates of the rows
     bases: Mapping[int, Floats]  # by degree, (folds, blocks, terms) of y^i x^j, as `exponents`
 
     @classmethod
@@ -103,85 +118,93 @@ class _Grid:
         for degree in (_DEGREE, _HIGHER_DEGREE):
             i, j = exponents(degree)
             terms = block_y.T[i][:, :, None] * block_x.T[j][:, None, :]
-            bases[degree] = np.moveaxis(by_fold(terms), 0, -1)
-        pixels = (rows[:, None] * shape[1] + columns).ravel()
-        return cls(pixels, powers(x, _TERMS), powers(y, _TERMS), bases)
-
-    def polynomials(self, coefficients: Floats) -> FloatMap:
-        """(N, n, n) values of polynomials at the samples."""
-        values: Floats = self.y_powers @ coefficients @ self.x_powers.T
-        return values.astype(np.float32)
+            bases[degree] = np.ascontiguousarray(np.moveaxis(by_fold(terms), 0, -1))
+        return cls(rows, columns, x.astype(np.float32), y.astype(np.float32), bases)
 
 
-@dataclass(frozen=True, eq=False)
-class _Samples:
-    """Pixels of a grid."""
+@kernel
+def _read(
+    images: Array, ambient: Array, rows: Array, columns: Array, scales: Array,
+    saturation: np.float32, values: Array, usable: Array,
+) -> None:  # fmt: skip
+    """Write samples less the ambient image; those saturated or dark are not usable."""
+    lights, zero = len(images), np.float32(0.0)
+    brightness, share = np.zeros(usable.shape, np.float32), np.float32(1.0 / lights)
+    raw, dark = np.empty((2, len(columns)), np.float32)
+    for r in range(len(rows)):
+        for c in range(len(columns)):
+            dark[c] = ambient[min(rows[r], len(ambient) - 1), columns[c]]
+            brightness[r, c] = zero if usable[r, c] else -np.float32(np.inf)
+        for k in range(lights):
+            for c in range(len(columns)):  # a loop alone, because it cannot be vectorised
+                raw[c] = images[k, rows[r], columns[c]]
+            for c in range(len(columns)):
+                values[k, r, c] = (raw[c] - dark[c]) * scales[k]
+                brightness[r, c] += share * values[k, r, c]
+                usable[r, c] &= raw[c] < saturation
+    brightness = np.maximum(brightness, zero)
+    usable &= brightness > np.float32(_DARK) * _ranked(brightness, _BRIGHT)
 
-    grid: _Grid
-    values: FloatMap  # (N, n, n), equal on a flat part under equal lights
-    usable: BoolArray  # (n, n), not outside the mask, saturated or dark
 
-    @classmethod
-    def of(
-        cls,
-        stack: ImageStack,
-        lighting: Lighting,
-        full_scale: float | None,
-        mask: BoolArray | None,
-    ) -> "_Samples":
-        grid = _Grid.of(stack.shape)
-        raw = stack.raw_at(grid.pixels)
-        flat = lighting.directions[:, 2] * lighting.intensities
-        values = raw - stack.dark_at(grid.pixels)
-        values *= (flat.mean() / flat).astype(np.float32)[:, None]
-        brightness = values.mean(axis=0)
-        if mask is not None:
-            brightness *= mask.ravel()[grid.pixels]
-        bright = int(_BRIGHT * brightness.size)
-        usable = brightness > _DARK * np.partition(brightness, bright)[bright]
-        if full_scale is not None:
-            usable &= raw.max(axis=0) < full_scale
-        square = (_SAMPLES, _SAMPLES)
-        return cls(grid, values.reshape(-1, *square), usable.reshape(square))
+@kernel
+def _ranked(values: Array, share: float) -> np.float32:
+    """The value that exceeds a share of the finite ones, none negative, to 1 in 8192; else 0.
 
-    def residuals(self, coefficients: Floats) -> tuple[Floats, Floats]:
-        """(N, folds, blocks) means of ratio / strength - 1, and Tukey's weights."""
-        factors = (-self.grid.y_powers @ coefficients).astype(np.float32)
-        residuals = np.empty_like(self.values)
-        squares = np.empty(self.usable.shape, np.float32)
-        x = self.grid.x_powers[:, 1].astype(np.float32)
-        _find_residuals(self.values, self.usable, factors, x, residuals, squares)
-        # The upper median, in a tenth of the time of the mean of the middle two.
-        lit = squares[squares < np.inf]
-        middle = np.partition(lit, lit.size // 2)[lit.size // 2] if lit.size else _TINY
-        limit = np.float32(max(TUKEY**2 / MEDIAN_SQUARE * middle, _TINY))
-        sums = np.empty((1 + len(residuals), _BLOCKS, _BLOCKS))
-        _sum_blocks(residuals, squares, limit, sums)
-        folds = by_fold(sums)
-        return folds[1:] / np.maximum(folds[0], _TINY), folds[0]
+    Floats of one sign have the order of their bits: the first 21 are found, by counting.
+    """
+    bits, prefix, rank = values.reshape(-1).view(np.uint32), np.uint32(0), -1
+    for shift, digits in ((20, 11), (10, 10)):
+        counts = np.zeros(1 << digits, np.int32)
+        for word in bits:
+            if word < _INFINITY and (rank < 0 or word >> np.uint32(20) == prefix):
+                counts[(word >> np.uint32(shift)) & np.uint32((1 << digits) - 1)] += 1
+        rank = int(share * counts.sum()) if rank < 0 else rank
+        digit = 0
+        while digit < len(counts) and counts[digit] <= rank:
+            rank -= counts[digit]
+            digit += 1
+        if digit == len(counts):
+            return np.float32(0.0)
+        prefix = (prefix << np.uint32(digits)) | np.uint32(digit)
+    ranked: np.float32 = np.array([prefix << np.uint32(10)]).view(np.float32)[0]
+    return ranked
 
-    def refined(self, coefficients: Floats, degree: int) -> tuple[Floats, Floats, Floats]:
-        """Coefficients for which the residuals vanish; residuals and weights before the last step.
 
-        Weighted least squares, repeated. Relief makes all steps too short by about one factor: it
-        is estimated from the last two steps, and the next one is that much longer (Irons and Tuck
-        1969).
-        """
-        basis, (i, j) = self.grid.bases[degree], exponents(degree)
-        refined, previous_step, factor = coefficients.copy(), None, 1.0
-        for _ in range(_ROUNDS):
-            residuals, weights = self.residuals(refined)
-            gram, right = normal_equations(basis, residuals, weights)
-            step = solved(gram.sum(axis=0), right.sum(axis=0)).T
-            if previous_step is not None:
-                change = previous_step - step
-                factor *= float(
-                    (previous_step * change).sum() / max(np.square(change).sum(), _TINY)
-                )
-                factor = min(max(factor, 1.0), _FURTHEST)
-            refined[:, i, j] += factor * step
-            previous_step = step
-        return refined, residuals, weights
+@kernel
+def _refine(
+    values: Array, usable: Array, x: Array, y: Array, basis: Array, i: Array, j: Array,
+    coefficients: Array, means: Array, weights: Array,
+) -> None:  # fmt: skip
+    """Weighted least squares of the residuals, repeated until they vanish.
+
+    Relief makes all steps too short by about one factor: it is estimated from the last two steps,
+    and the next one is that much longer (Irons and Tuck 1969).
+    """
+    factor, previous_step = 1.0, np.zeros((len(i), len(values)))
+    for step_number in range(_ROUNDS):
+        _find_means(values, usable, x, y, coefficients, means, weights)
+        gram, right = normal_equations(basis, means, weights)
+        step = solved(gram.sum(axis=0), right.sum(axis=0))
+        if step_number > 0:
+            change = previous_step - step
+            factor *= (previous_step * change).sum() / max((change * change).sum(), _TINY)
+            factor = min(max(factor, 1.0), _FURTHEST)
+        for term in range(len(i)):
+            coefficients[:, i[term], j[term]] += factor * step[term]
+        previous_step = step
+
+
+@kernel
+def _find_means(
+    values: Array, usable: Array, x: Array, y: Array, coefficients: Array, means: Array,
+    weights: Array,
+) -> None:  # fmt: skip
+    """Weighted means of ratio / strength - 1 in blocks, and the sums of Tukey's weights."""
+    residuals, squares = np.empty_like(values), np.empty(usable.shape, np.float32)
+    _find_residuals(values, usable, _row_factors(coefficients, y), x, residuals, squares)
+    # The upper median.
+    limit = max(np.float32(TUKEY**2 / MEDIAN_SQUARE) * _ranked(squares, 0.5), np.float32(_TINY))
+    _sum_blocks(residuals, squares, limit, means, weights)
 
 
 @kernel
@@ -220,26 +243,60 @@ def _find_residuals(
 
 
 @kernel
-def _sum_blocks(residuals: Array, squares: Array, limit: np.float32, sums: Array) -> None:
-    """Sum Tukey's weights, and the weighted residuals, over the samples of each block."""
+def _row_factors(coefficients: Array, y: Array) -> Array:
+    """(N, n, 5) coefficients of minus the polynomials in each row."""
+    factors = np.zeros((len(coefficients), len(y), _TERMS), np.float32)
+    for k in range(len(coefficients)):
+        for r in range(len(y)):
+            for i in range(_TERMS - 1, -1, -1):
+                for j in range(_TERMS):
+                    factors[k, r, j] = factors[k, r, j] * y[r] - np.float32(coefficients[k, i, j])
+    return factors
+
+
+@kernel
+def _sum_blocks(
+    residuals: Array, squares: Array, limit: np.float32, means: Array, weights: Array
+) -> None:
+    """Sum Tukey's weights over the samples of each block, and find weighted mean residuals."""
     lights, _, columns = residuals.shape
-    zero, one = np.float32(0.0), np.float32(1.0)
-    inverse = one / limit
+    zero, inverse = np.float32(0.0), np.float32(1.0) / limit
     for block in range(_BLOCKS):
         # Sums of columns, which vectorise without changing the order of additions.
         lines = np.zeros((1 + lights, columns), np.float32)
-        weights = np.empty(columns, np.float32)
+        row_weights = np.empty(columns, np.float32)
         for r in range(block * _BLOCK_SAMPLES, (block + 1) * _BLOCK_SAMPLES):
             for c in range(columns):
-                weight = max(one - squares[r, c] * inverse, zero)
-                weights[c] = weight * weight
-                lines[0, c] += weights[c]
+                weight = max(np.float32(1.0) - squares[r, c] * inverse, zero)
+                row_weights[c] = weight * weight
+                lines[0, c] += row_weights[c]
             for k in range(lights):
                 for c in range(columns):
-                    lines[1 + k, c] += residuals[k, r, c] * weights[c]
-        for k in range(1 + lights):
-            for b in range(_BLOCKS):
-                sums[k, block, b] = lines[k, b * _BLOCK_SAMPLES : (b + 1) * _BLOCK_SAMPLES].sum()
+                    lines[1 + k, c] += residuals[k, r, c] * row_weights[c]
+        for b in range(_BLOCKS):
+            fold = block // _FOLD_BLOCKS * FOLDS + b // _FOLD_BLOCKS
+            place = block % _FOLD_BLOCKS * _FOLD_BLOCKS + b % _FOLD_BLOCKS
+            here = lines[:, b * _BLOCK_SAMPLES : (b + 1) * _BLOCK_SAMPLES]
+            weights[fold, place] = here[0].sum()
+            for k in range(lights):
+                means[k, fold, place] = here[1 + k].sum() / max(weights[fold, place], _TINY)
+
+
+@kernel
+def _bounds(usable: Array, x: Array, y: Array, coefficients: Array) -> Array:
+    """(N, 2) least and largest values of the polynomials at usable samples."""
+    infinity, factors = np.float32(np.inf), _row_factors(coefficients, y)
+    bounds = np.empty((len(factors), 2))
+    for k in range(len(factors)):
+        low, high = np.full(len(x), infinity), np.full(len(x), -infinity)
+        for r in range(len(y)):
+            c0, c1, c2, c3, c4 = factors[k, r]
+            for c in range(len(x)):
+                e = c0 + x[c] * (c1 + x[c] * (c2 + x[c] * (c3 + x[c] * c4)))
+                low[c] = min(low[c], -e if usable[r, c] else infinity)
+                high[c] = max(high[c], -e if usable[r, c] else -infinity)
+        bounds[k] = low.min(), high.max()
+    return bounds
 
 
 def _positions(count: int) -> Indices:

@@ -269,8 +269,9 @@ def exponents(degree: int) -> tuple[Indices, Indices]:
     return i, j
 
 
-# Cross-validation has 4 x 4 folds, each a part of the frame; one is left out at a time.
-_FOLDS = 4
+FOLDS = 4
+"""Cross-validation has 4 x 4 folds, each a part of the frame; one is left out at a time."""
+
 # Ridge as a share of the trace of the normal equations: a narrow frame does not determine the
 # powers of its short coordinate.
 _RIDGE = 1e-6
@@ -285,26 +286,62 @@ MEDIAN_SQUARE = 0.4549
 
 def by_fold(blocks: Floats) -> Floats:
     """Regroup (..., n, n) blocks to (..., folds, blocks of a fold); n is a multiple of 4."""
-    size = blocks.shape[-1] // _FOLDS
-    folds = blocks.reshape(*blocks.shape[:-2], _FOLDS, size, _FOLDS, size).swapaxes(-3, -2)
-    return folds.reshape(*blocks.shape[:-2], _FOLDS**2, size**2)
+    size = blocks.shape[-1] // FOLDS
+    folds = blocks.reshape(*blocks.shape[:-2], FOLDS, size, FOLDS, size).swapaxes(-3, -2)
+    return folds.reshape(*blocks.shape[:-2], FOLDS**2, size**2)
 
 
-def normal_equations(basis: Floats, means: Floats, weights: Floats) -> tuple[Floats, Floats]:
+@kernel
+def normal_equations(basis: Array, means: Array, weights: Array) -> tuple[Array, Array]:
     """Gram matrices (folds, terms, terms) and right-hand sides (folds, terms, N)."""
-    weighted = (basis * weights[..., None]).swapaxes(1, 2)
-    return weighted @ basis, weighted @ np.moveaxis(means, 0, -1)
+    folds, blocks, terms = basis.shape
+    gram, right = np.zeros((folds, terms, terms)), np.zeros((folds, terms, len(means)))
+    for fold in range(folds):
+        for block in range(blocks):
+            row, weight = basis[fold, block], weights[fold, block]
+            for i in range(terms):
+                weighted = weight * row[i]
+                for j in range(i + 1):
+                    gram[fold, i, j] += weighted * row[j]
+                for k in range(len(means)):
+                    right[fold, i, k] += weighted * means[k, fold, block]
+    return gram, right
 
 
-def solved(gram: Floats, right: Floats) -> Floats:
-    """(..., terms, N) coefficients from normal equations, with a small ridge."""
-    terms = gram.shape[-1]
-    ridge = _RIDGE * np.trace(gram, axis1=-2, axis2=-1)[..., None, None] + _TINY
-    return np.asarray(np.linalg.solve(gram + ridge * np.eye(terms), right), np.float64)
+@kernel
+def solved(gram: Array, right: Array) -> Array:
+    """(terms, N) coefficients from the lower half of normal equations, with a small ridge."""
+    terms, lights = right.shape
+    ridge = _RIDGE * np.trace(gram) + _TINY
+    # Cholesky decomposition, with the right-hand sides as further rows.
+    root = np.empty((terms + lights, terms))
+    for i in range(terms + lights):
+        for j in range(min(i + 1, terms)):
+            rest = gram[i, j] + (ridge if i == j else 0.0) if i < terms else right[j, i - terms]
+            for m in range(j):
+                rest -= root[i, m] * root[j, m]
+            root[i, j] = np.sqrt(rest) if i == j else rest / root[j, j]
+    solution = np.empty_like(right)
+    for i in range(terms - 1, -1, -1):
+        for k in range(lights):
+            rest = root[terms + k, i]
+            for m in range(i + 1, terms):
+                rest -= root[m, i] * solution[m, k]
+            solution[i, k] = rest / root[i, i]
+    return solution
 
 
-def prediction_error(basis: Floats, means: Floats, weights: Floats) -> float:
+@kernel
+def prediction_error(basis: Array, means: Array, weights: Array) -> float:
     """Weighted sum of squared errors of all folds, each predicted from the others."""
     gram, right = normal_equations(basis, means, weights)
-    predicted = basis @ solved(gram.sum(axis=0) - gram, right.sum(axis=0) - right)
-    return float((np.square(np.moveaxis(means, 0, -1) - predicted) * weights[..., None]).sum())
+    total_gram, total_right, error = gram.sum(axis=0), right.sum(axis=0), 0.0
+    for fold in range(len(basis)):
+        solution = solved(total_gram - gram[fold], total_right - right[fold])
+        for block in range(basis.shape[1]):
+            for k in range(len(means)):
+                difference = means[k, fold, block]
+                for i in range(len(solution)):
+                    difference -= basis[fold, block, i] * solution[i, k]
+                error += weights[fold, block] * difference * difference
+    return error
