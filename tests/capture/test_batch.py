@@ -25,7 +25,7 @@ from capture.batch.training import train_library
 from classify import InputError
 
 Command = Callable[..., Any]
-DEADLINE_S = 60.0
+DEADLINE_S = 300.0
 KILL = int(signal.SIGKILL)
 SELF = "/proc/self"  # a link to the number of the process that reads it
 

@@ -168,6 +168,8 @@ class StationLink(LiveView):
                 # First: whoever sees the state may send a request at once.
                 with self._sending:
                     self._connection = connection
+                    if self._ending.is_set():  # `close` found no connection to end
+                        connection.shutdown(socket.SHUT_WR)
                 self.begin(state)
             case {"reply": fields}:
                 reply = Reply.model_validate(fields)

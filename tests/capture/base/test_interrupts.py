@@ -15,7 +15,7 @@ import pytest
 Run = Callable[..., str]
 Spawn = Callable[..., Any]
 INTERRUPTED = (130, "", "ps4rig: interrupted\n")
-DEADLINE_S = 60.0
+DEADLINE_S = 300.0
 RIG = """
 [lights]
 port = "simulated"

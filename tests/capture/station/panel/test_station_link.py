@@ -30,7 +30,7 @@ from capture.station.run import live_socket
 from capture.station.run.events import PartAnnounced, PartBegun, RecipeLoaded, StateChanged
 from capture.station.run.live_socket import MOST_PANELS, MOST_REQUEST_BYTES, serving_live
 from capture.station.run.live_station import LiveStation
-from capture.station.run.live_view import MOST_WAITING, Subscription
+from capture.station.run.live_view import MOST_WAITING, STATE, Subscription
 from capture.station.run.states import Change, State
 from capture.station.run.station_state import StationState
 from capture.station.run.triggers import (
@@ -48,7 +48,7 @@ from tests.capture.station.panel.panels import ANY_PORT, Client
 from tests.capture.station.panel.test_live import error, result
 from tests.capture.station.results.parts import inspect
 
-WAIT_S = 30.0
+WAIT_S = 60.0
 ADA = Asker("Ada", "engineer", "0" * 64)
 LOADED = RecipeLoaded("example", 2, "1" * 64, "Ada")
 
@@ -253,6 +253,25 @@ def test_who_sees_the_state_of_a_run_may_send_a_request(folder: StationFolder) -
             until(lambda: asking.ident is not None)
             asking.join(WAIT_S)
     assert answers == [Accepted("part-000001", 1)]
+
+
+def test_a_link_that_is_closed_before_it_has_the_state_hangs_up(folder: StationFolder) -> None:
+    state = StationState("line-1", simulated=True, trigger="http")
+    with (
+        live_socket.live_address(folder.path) as address,
+        socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as run,
+    ):
+        run.bind(address)
+        run.listen()
+        link = StationLink(folder)
+        closing = threading.Thread(target=link.close)
+        with run.accept()[0] as connection:
+            connection.settimeout(WAIT_S)
+            closing.start()
+            until(link._ending.is_set)
+            connection.sendall(b'{"snapshot":%s}\n' % STATE.dump_json(state))
+            assert connection.recv(1) == b""
+        closing.join()
 
 
 def test_a_request_whose_run_ends_is_answered(folder: StationFolder) -> None:
