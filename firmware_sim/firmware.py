@@ -33,7 +33,7 @@ def _message(code: int, message: str) -> int:
     return code
 
 
-NO_ERROR = _message(0, "No error")
+_NO_ERROR = _message(0, "No error")
 _WATCHDOG_TRIPPED = _message(100, "Watchdog: LEDs off")
 _ON_TIME_EXCEEDED = _message(110, "On-time limit: LEDs off")
 _LED_RESTS = _message(111, "LED must rest")
@@ -143,7 +143,7 @@ class Sequence:
         self._wait_us = wait_us  # longest wait for an edge; with triggers, least time between two
         self.order = order
         self.steps: list[Step] = []
-        self.code = NO_ERROR  # the error that ended it early
+        self.code = _NO_ERROR  # the error that ended it early
         self.running = True
         self._delay_us = delay_us
         self._due_us = -1  # of the first step, once the sensor has seen a part
@@ -180,7 +180,7 @@ class Sequence:
         return True
 
     def end(self, code: int) -> int:
-        """Put the LEDs out and end with an error code or `NO_ERROR`; return the `micros`."""
+        """Put the LEDs out and end with an error code or `_NO_ERROR`; return the `micros`."""
         self.running = False
         self.code = code
         self.ended_us = self._lamps.light(DARK)
@@ -200,7 +200,7 @@ class Sequence:
 
     def _start_step(self) -> int:
         if len(self.steps) == len(self.order):
-            return self.end(NO_ERROR)
+            return self.end(_NO_ERROR)
         led = self.order[len(self.steps)]
         self.steps.append(Step(led, self._lamps.light(led)))
         if len(self.steps) == 1:
@@ -370,7 +370,7 @@ class Firmware:
         return ""
 
     def _oldest_error(self) -> str:
-        return _describe(self._errors.pop(0) if self._errors else NO_ERROR)
+        return _describe(self._errors.pop(0) if self._errors else _NO_ERROR)
 
     def _set_watchdog(self, watchdog_ms: int) -> str:
         _require(WATCHDOG_MIN_MS <= watchdog_ms <= WATCHDOG_MAX_MS)

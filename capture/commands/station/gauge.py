@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 _FAULTY_PARTS = 10
 
 
-Known = Annotated[
+_Known = Annotated[
     Path | None,
     typer.Option(
         help="CSV with lines ID,good and ID,bad: the known parts among the results of the "
@@ -31,22 +31,22 @@ Known = Annotated[
         metavar="FILE.csv",
     ),
 ]
-Parts = Annotated[
+_Parts = Annotated[
     int, typer.Option(min=2, max=10_000, help="Known parts of the simulated rig.", metavar="N")
 ]
-Times = Annotated[
+_Times = Annotated[
     int, typer.Option(min=1, max=1000, help="Presentations of each of them.", metavar="N")
 ]
-Seed = Annotated[int, typer.Option(min=0, help="Seed of their placements.")]
+_Seed = Annotated[int, typer.Option(min=0, help="Seed of their placements.")]
 
 
 @reported
 def gauge(
     folder: Station,
-    known: Known = None,
-    parts: Parts = 20,
-    times: Times = 3,
-    seed: Seed = 1,
+    known: _Known = None,
+    parts: _Parts = 20,
+    times: _Times = 3,
+    seed: _Seed = 1,
     json: options.Json = False,
 ) -> None:
     """Study the station as a gauge: known parts, each presented several times.

@@ -21,12 +21,12 @@ if TYPE_CHECKING:
 
 _SHOWN = 50  # parts in the table of a terminal
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
+_Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 
 
 @reported
 def history(
-    folder: Folder,
+    folder: _Folder,
     json: options.Json = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print a line of CSV for each part.")] = False,
     since: Annotated[
@@ -88,7 +88,7 @@ def history(
 
 @reported
 def override(
-    folder: Folder,
+    folder: _Folder,
     part: Annotated[str, typer.Argument(metavar="PART", help="Id of the part.")],
     verdict: Annotated[
         Decision, typer.Option(case_sensitive=False, help="PASS or FAIL.", metavar="PASS|FAIL")

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from capture.station.run.triggers import TriggerSource
 
 
-Rig = Annotated[
+_Rig = Annotated[
     str | None,
     typer.Option(
         "--rig",
@@ -24,11 +24,11 @@ Rig = Annotated[
         metavar="RIG",
     ),
 ]
-Parts = Annotated[
+_Parts = Annotated[
     int | None,
     typer.Option(min=1, help="End after N parts.", show_default="no end", metavar="N"),
 ]
-Trigger = Annotated[
+_Trigger = Annotated[
     Literal["timer", "enter", "sensor", "http", "modbus"] | None,
     typer.Option(help="Where triggers come from.", show_default="that of station.toml"),
 ]
@@ -51,21 +51,21 @@ Port = Annotated[
 _Collect = Annotated[
     bool, typer.Option("--collect", help="Judge no part: capture parts that are to be taught.")
 ]
-Events = Annotated[bool, typer.Option("--json", help="Print each event as one line of JSON.")]
+_Events = Annotated[bool, typer.Option("--json", help="Print each event as one line of JSON.")]
 
 
 @reported
 def run(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")],
-    rig: Rig = None,
-    parts: Parts = None,
-    trigger: Trigger = None,
+    rig: _Rig = None,
+    parts: _Parts = None,
+    trigger: _Trigger = None,
     panel: _ServePanel = None,
     host: Host = None,
     port: Port = None,
     collect: _Collect = False,
     operator: options.Operator = None,
-    json: Events = False,
+    json: _Events = False,
 ) -> None:
     """Inspect part after part. Ctrl-C ends it after the part in progress.
 

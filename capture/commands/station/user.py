@@ -11,7 +11,7 @@ import typer
 from capture.base.console import command_group, new_table, out, print_table, reported
 from capture.base.utc_time import readable_utc
 
-Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
+_Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 _UserName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the user.")]
 _ClientName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the API client.")]
 _RoleName = Annotated[
@@ -28,7 +28,7 @@ token_app = command_group("The API clients: programs that may use a station's HT
 
 @user_app.command("add")
 @reported
-def add_user(folder: Folder, name: _UserName, role: _RoleName) -> None:
+def add_user(folder: _Folder, name: _UserName, role: _RoleName) -> None:
     """Add a user, or change the role and password of one.
 
     The password is asked for, or is the first line of the standard input.
@@ -44,7 +44,7 @@ def add_user(folder: Folder, name: _UserName, role: _RoleName) -> None:
 
 @user_app.command("kiosk")
 @reported
-def set_kiosk(folder: Folder) -> None:
+def set_kiosk(folder: _Folder) -> None:
     """Set the PIN by which the line's screens log in as an operator.
 
     Their addresses are kiosk_addresses of station.toml. The PIN is asked for, or is the first line
@@ -63,7 +63,7 @@ def set_kiosk(folder: Folder) -> None:
 
 @user_app.command("remove")
 @reported
-def remove_user(folder: Folder, name: _UserName) -> None:
+def remove_user(folder: _Folder, name: _UserName) -> None:
     """Remove a user; the sessions of this user end at once."""
     from capture.station.domain.folder import StationFolder
     from capture.station.results.accounts import accounts_on_the_terminal
@@ -75,7 +75,7 @@ def remove_user(folder: Folder, name: _UserName) -> None:
 
 @user_app.command("list")
 @reported
-def list_users(folder: Folder) -> None:
+def list_users(folder: _Folder) -> None:
     """List the users."""
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.users import Users
@@ -88,7 +88,7 @@ def list_users(folder: Folder) -> None:
 
 @token_app.command("add")
 @reported
-def add_token(folder: Folder, name: _ClientName, role: _RoleName) -> None:
+def add_token(folder: _Folder, name: _ClientName, role: _RoleName) -> None:
     """Add an API client and print its token, which is not stored."""
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.roles import Role
@@ -100,7 +100,7 @@ def add_token(folder: Folder, name: _ClientName, role: _RoleName) -> None:
 
 @token_app.command("remove")
 @reported
-def remove_token(folder: Folder, name: _ClientName) -> None:
+def remove_token(folder: _Folder, name: _ClientName) -> None:
     """Remove an API client; its token is invalid at once."""
     from capture.station.domain.folder import StationFolder
     from capture.station.results.accounts import accounts_on_the_terminal
@@ -112,7 +112,7 @@ def remove_token(folder: Folder, name: _ClientName) -> None:
 
 @token_app.command("list")
 @reported
-def list_tokens(folder: Folder) -> None:
+def list_tokens(folder: _Folder) -> None:
     """List the API clients."""
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.tokens import Tokens

@@ -16,8 +16,8 @@ from .interface_config import ModbusConfig, MqttConfig, PanelConfig
 
 CONFIG = "station.toml"
 SIM = "sim"
-Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
-Surface = Annotated[str, Field(min_length=1, max_length=4096)]
+_Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
+_Surface = Annotated[str, Field(min_length=1, max_length=4096)]
 
 _URL = re.compile(r"postgresql(\+psycopg)?://.*", re.DOTALL)
 
@@ -49,20 +49,20 @@ class SimulatedParts(Section):
     seed: int = Field(
         default=100, ge=0, lt=2**31, description="should differ from the taught sets'"
     )
-    surfaces: tuple[Surface, ...] = Field(
+    surfaces: tuple[_Surface, ...] = Field(
         default=("rock",),
         min_length=1,
         strict=False,
         description="expected ones, as in [simulation.placement] of rig.toml",
     )
-    others: tuple[Surface, ...] = Field(
+    others: tuple[_Surface, ...] = Field(
         default=("sand",), strict=False, description="unexpected surfaces"
     )
-    share_other: Share = Field(default=0.02, description="of parts with an unexpected surface")
+    share_other: _Share = Field(default=0.02, description="of parts with an unexpected surface")
     orientations_deg: tuple[Degrees, ...] = Field(
         default=(), max_length=3600, strict=False, description="one of these; any if empty"
     )
-    share_defective: Share = Field(
+    share_defective: _Share = Field(
         default=0.05, description="of the expected surfaces; each has one defect"
     )
     defects: tuple[DefectKind, ...] = Field(

@@ -12,7 +12,8 @@ from capture.base.utc_time import utc_text
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
 from classify.base.models import Record
-from rig.config.rig import RigConfig, config_of
+from rig import RigConfig
+from rig.config.rig import config_of
 
 from .config import CONFIG, StationConfig, example_config, read_config
 from .errors import RecipeError

@@ -15,12 +15,12 @@ from classify.base.models import Section
 from .errors import CannotListen
 
 _HOST_NAME = re.compile(r"[a-z0-9]([a-z0-9.-]{0,251}[a-z0-9])?")
-LOCALHOST = "localhost"
-PathText = Annotated[str, Field(min_length=1, max_length=4096)]
+_LOCALHOST = "localhost"
+_PathText = Annotated[str, Field(min_length=1, max_length=4096)]
 
 
 def _address(text: str) -> str:
-    if text != LOCALHOST:
+    if text != _LOCALHOST:
         try:
             ipaddress.ip_address(text)
         except ValueError as error:
@@ -36,20 +36,20 @@ def _host_name(text: str) -> str:
     return text
 
 
-Address = Annotated[str, Field(max_length=100), AfterValidator(_address)]
+_Address = Annotated[str, Field(max_length=100), AfterValidator(_address)]
 
 
 class PanelConfig(Section):
     """The panel and the HTTP API."""
 
-    host: Address = Field(default="127.0.0.1", description="address of this machine to listen on")
+    host: _Address = Field(default="127.0.0.1", description="address of this machine to listen on")
     port: int = Field(default=8100, ge=0, le=65535, description="to listen on")
-    tls_cert: PathText | None = Field(
+    tls_cert: _PathText | None = Field(
         default=None,
         description="PEM file for HTTPS, relative to the station's folder",
         examples=["panel.crt"],
     )
-    tls_key: PathText | None = Field(
+    tls_key: _PathText | None = Field(
         default=None, description="PEM file of its private key", examples=["panel.key"]
     )
     behind_proxy: bool = Field(
@@ -85,7 +85,7 @@ class PanelConfig(Section):
 
     @property
     def _is_loopback(self) -> bool:
-        return self.host == LOCALHOST or ipaddress.ip_address(self.host).is_loopback
+        return self.host == _LOCALHOST or ipaddress.ip_address(self.host).is_loopback
 
     @property
     def is_https(self) -> bool:
@@ -107,7 +107,7 @@ class PanelConfig(Section):
 class ModbusConfig(Section):
     """The registers for a PLC; Modbus has no passwords: whoever reaches the port can trigger."""
 
-    host: Address = Field(default="127.0.0.1", description="address of this machine to listen on")
+    host: _Address = Field(default="127.0.0.1", description="address of this machine to listen on")
     port: int = Field(default=1502, ge=0, le=65535, description="to listen on")
     plc_addresses: tuple[IPvAnyAddress, ...] = Field(
         default=(),

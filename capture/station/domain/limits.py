@@ -14,10 +14,10 @@ from classify.base.models import Section
 
 from .verdict import Cause, told_apart
 
-Positive = Annotated[float, Field(gt=0.0, le=1e6)]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Pixels = Annotated[int, Field(ge=0)]
-Range = tuple[Annotated[float, Field(ge=0.0)], Positive]
+_Positive = Annotated[float, Field(gt=0.0, le=1e6)]
+_Share = Annotated[float, Field(ge=0.0, le=1.0)]
+_Pixels = Annotated[int, Field(ge=0)]
+_Range = tuple[Annotated[float, Field(ge=0.0)], _Positive]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,7 +50,7 @@ class LimitRow:
     in_reason: bool = False  # whether the reason of a PASS names the measure
     measure: str = ""  # the field that it bounds, by default that of its own name
 
-    def bounds(self, limit: float | Range) -> Iterator[tuple[str, float]]:
+    def bounds(self, limit: float | _Range) -> Iterator[tuple[str, float]]:
         """Yield the bounds of a limit, each with ``at least`` or ``at most``."""
         least, largest = limit if isinstance(limit, tuple) else (limit, limit)
         if self.side != "largest":
@@ -58,7 +58,7 @@ class LimitRow:
         if self.side != "least":
             yield "at most", largest
 
-    def within(self, value: float, limit: float | Range) -> str:
+    def within(self, value: float, limit: float | _Range) -> str:
         """Return a measure within its limit, as text."""
         if isinstance(limit, tuple):
             low, high = (f"{bound:{self.form}}" for bound in limit)
@@ -78,19 +78,19 @@ class Limits(Section):
     """Limits of a part that passes; None sets no limit. Each key has its row."""
 
     distance: Annotated[
-        Positive | None,
+        _Positive | None,
         LimitRow("distance", "largest", Cause.NO_TEXTURE, ".2f", of_teaching=True),
     ] = Field(
         default=None, description="largest distance to the texture, beside the library's limit"
     )
     margin: Annotated[
-        Share | None,
+        _Share | None,
         LimitRow("margin", "least", Cause.UNDECIDED, ".2f"),
     ] = Field(
         default=None, description="least margin to the next texture, beside the library's 0.15"
     )
     sdq: Annotated[
-        Range | None,
+        _Range | None,
         LimitRow("Sdq", "range", Cause.ROUGHNESS, ".3f", of_teaching=True, in_reason=True),
     ] = Field(
         default=None,
@@ -98,19 +98,19 @@ class Limits(Section):
         description="least and largest root mean square slope (ISO 25178-2)",
     )
     shadow_fraction: Annotated[
-        Share | None,
+        _Share | None,
         LimitRow("shadow", "largest", Cause.SHADOW, ".1%", of_teaching=True),
     ] = Field(default=None, description="largest share of pixels that a light does not reach")
     unmeasured_fraction: Annotated[
-        Share | None,
+        _Share | None,
         LimitRow("pixels without a slope", "largest", Cause.CAPTURE, ".1%", of_teaching=True),
     ] = Field(default=None, description="largest share of pixels without a slope")
     blur_px: Annotated[
-        Positive | None,
+        _Positive | None,
         LimitRow("blur in px", "largest", Cause.BLUR, ".2f"),
     ] = Field(default=None, description="largest blur against the taught parts")
     albedo: Annotated[
-        Range | None,
+        _Range | None,
         LimitRow("albedo", "range", Cause.ALBEDO, ".3f", of_teaching=True),
     ] = Field(
         default=None,
@@ -118,14 +118,14 @@ class Limits(Section):
         description="least and largest mean albedo, a share of full scale at the taught exposure",
     )
     angle_sd: Annotated[
-        Positive | None,
+        _Positive | None,
         LimitRow("standard deviation of the normal in degrees", "largest", Cause.CAPTURE, ".2f"),
     ] = Field(
         default=None,
         description="largest median standard deviation of the normal, in degrees",
     )
     scale: Annotated[
-        Range | None,
+        _Range | None,
         LimitRow("scale", "range", Cause.SCALE, ".3f", of_teaching=True),
     ] = Field(
         default=None,
@@ -137,27 +137,27 @@ class Limits(Section):
         LimitRow("handedness", "least", Cause.HANDEDNESS, ".2f", of_teaching=True),
     ] = Field(default=None, description="least handedness: 1 as taught, -1 in a mirror")
     octaves: Annotated[
-        Positive | None,
+        _Positive | None,
         LimitRow("power in octaves", "largest", Cause.OCTAVES, ".2f"),
     ] = Field(
         default=None,
         description="largest departure of the power in an octave; 1 is the taught limit",
     )
     window: Annotated[
-        Positive | None,
+        _Positive | None,
         LimitRow("window score", "largest", Cause.WINDOW, ".2f", in_reason=True),
     ] = Field(
         default=None, description="largest score of a spot or a window; 1 is the taught limit"
     )
     seam: Annotated[
-        Positive | None,
+        _Positive | None,
         LimitRow("seam score", "largest", Cause.SEAM, ".2f", in_reason=True),
     ] = Field(
         default=None,
         description="largest score of the directions in a window; 1 is the taught limit",
     )
     defect: Annotated[
-        Positive | None,
+        _Positive | None,
         LimitRow(
             "defect score", "largest", Cause.DEFECT, ".2f", in_reason=True, measure="defect_score"
         ),
@@ -165,7 +165,7 @@ class Limits(Section):
         default=None, description="largest score of the defect map; 1 is the taught threshold"
     )
     unjudged_px: Annotated[
-        Pixels | None,
+        _Pixels | None,
         LimitRow("px without a defect score", "largest", Cause.DEFECT, ".0f", of_teaching=True),
     ] = Field(default=None, description="largest area without a score in the defect map, in px")
 
@@ -181,14 +181,14 @@ class Limits(Section):
 class GeneralLimits(Limits):
     """Limits of all textures, with the default values of those that a recipe does not set."""
 
-    unmeasured_fraction: Share = 0.05  # teaching takes it from the good parts
-    blur_px: Positive = 1.0  # it removes the finest scale (``classify/texture/blur.py``)
-    octaves: Positive = 1.0
-    window: Positive = 1.0
-    seam: Positive = 1.0
-    defect: Positive = 1.0
+    unmeasured_fraction: _Share = 0.05  # teaching takes it from the good parts
+    blur_px: _Positive = 1.0  # it removes the finest scale (``classify/texture/blur.py``)
+    octaves: _Positive = 1.0
+    window: _Positive = 1.0
+    seam: _Positive = 1.0
+    defect: _Positive = 1.0
     # Four adjacent cells of the defect map (256 px) without a score are a hole in the surface.
-    unjudged_px: Pixels = 255
+    unjudged_px: _Pixels = 255
 
 
 # Numbers of a match; the library bounds the first two as well.

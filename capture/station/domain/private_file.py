@@ -21,20 +21,20 @@ OWNER_ONLY = 0o600
 # A change takes 10 ms; a disk that is busy, a second.
 PATIENCE_S = 10.0
 
-Model = TypeVar("Model", bound=BaseModel)
+_Model = TypeVar("_Model", bound=BaseModel)
 
 
-class PrivateFile(Generic[Model]):
+class PrivateFile(Generic[_Model]):
     """A file that holds a `model`, read again when another program replaced it. Thread-safe."""
 
     def __init__(
-        self, path: Path, model: type[Model], remedy: str = "restore it from a backup"
+        self, path: Path, model: type[_Model], remedy: str = "restore it from a backup"
     ) -> None:
         self._path, self._model, self._remedy = path, model, remedy
         self._changing = threading.Lock()
         self._lock = threading.Lock()
         self._stamp: tuple[int, int, int] | None = None
-        self._known: Model | None = None
+        self._known: _Model | None = None
 
     @contextmanager
     def changing(self) -> Iterator[None]:
@@ -42,7 +42,7 @@ class PrivateFile(Generic[Model]):
         with self._changing, file_lock(self._path, PATIENCE_S):
             yield
 
-    def read(self) -> Model:
+    def read(self) -> _Model:
         """Return the contents of the file; a missing one is an empty object."""
         with self._lock:
             stamp = self._present_stamp()
@@ -51,13 +51,13 @@ class PrivateFile(Generic[Model]):
                 self._known = self._read()
             return self._known
 
-    def write(self, value: Model) -> None:
+    def write(self, value: _Model) -> None:
         """Replace the file; only its owner may read it."""
         with durable_file(self._path) as temporary:
             temporary.chmod(OWNER_ONLY)  # before there is anything in it
             temporary.write_text(value.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
-    def _read(self) -> Model:
+    def _read(self) -> _Model:
         try:
             values: Any = json.loads(read_regular_file(self._path, _MAX_BYTES))
         except InputError as error:

@@ -4,8 +4,7 @@ import random
 from dataclasses import dataclass
 
 from capture.station.domain.config import SimulatedParts
-from rig import Placement
-from rig.config.simulation import Defect
+from rig import Defect, Placement
 
 # Surfaces are periodic, with periods below this: every patch is equally likely.
 _LARGEST_SHIFT_PX = 4096.0

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture.station.domain.errors import RecipeError
-from classify.defects.defect_model import DefectModel
+from classify import DefectModel
 from classify.pieces.piece_model import PieceModel
 
 from .recipe import Recipe

@@ -14,8 +14,8 @@ from .errors import Conflict, NotThere
 from .private_file import PrivateFile
 from .roles import Role, require_name
 
-FILE = "tokens.json"
-MOST_CLIENTS = 1000
+_FILE = "tokens.json"
+_MOST_CLIENTS = 1000
 _PREFIX = "ps4_"  # tools that look for secrets in repositories find it
 _SECRET_BYTES = 32
 
@@ -31,14 +31,14 @@ class Client(Section):
 
 
 class _File(Section):
-    clients: tuple[Client, ...] = Field(default=(), max_length=MOST_CLIENTS, strict=False)
+    clients: tuple[Client, ...] = Field(default=(), max_length=_MOST_CLIENTS, strict=False)
 
 
 class Tokens:
     """API clients of a station. Thread-safe; sees changes by other programs at once."""
 
     def __init__(self, folder: Path) -> None:
-        self._file = PrivateFile(folder / FILE, _File)
+        self._file = PrivateFile(folder / _FILE, _File)
 
     def all(self) -> tuple[Client, ...]:
         """Return all clients, by name."""
@@ -61,8 +61,8 @@ class Tokens:
         with self._file.changing():
             clients = self.all()
             require_new_client(name, clients)
-            if len(clients) >= MOST_CLIENTS:
-                raise Conflict(f"client {name}: there are {MOST_CLIENTS} clients already")
+            if len(clients) >= _MOST_CLIENTS:
+                raise Conflict(f"client {name}: there are {_MOST_CLIENTS} clients already")
             self._file.write(_File(clients=(*clients, client)))
         return token
 

@@ -18,8 +18,8 @@ from .errors import Conflict, NotThere
 from .private_file import PrivateFile
 from .roles import Role, require_name
 
-FILE = "users.json"
-MOST_USERS = 1000
+_FILE = "users.json"
+_MOST_USERS = 1000
 # NIST SP 800-63B, 5.1.1: at least 8 characters, and a limit of 64 or more; no other rules.
 SHORTEST_PASSWORD, LONGEST_PASSWORD = 8, 256
 # The user of the line's screens, whose password is a PIN. Five tries a minute find one of 6 digits
@@ -39,7 +39,7 @@ class User(Section):
 
 
 class _File(Section):
-    users: tuple[User, ...] = Field(default=(), max_length=MOST_USERS, strict=False)
+    users: tuple[User, ...] = Field(default=(), max_length=_MOST_USERS, strict=False)
 
     @field_validator("users")
     @classmethod
@@ -53,7 +53,7 @@ class Users:
     """The users of a station. Thread-safe; a change by another program is seen at once."""
 
     def __init__(self, folder: Path) -> None:
-        self._file = PrivateFile(folder / FILE, _File)
+        self._file = PrivateFile(folder / _FILE, _File)
         # One at a time: each takes 64 MiB and a core for 50 ms.
         self._hashing = threading.Lock()
         # Verified for unknown names, so that the time does not reveal which names are known.
@@ -77,8 +77,8 @@ class Users:
             before, others = self._apart(name)
             if seen is not None and before != seen:
                 raise Conflict(f"user {name}: was changed meanwhile; log in again")
-            if len(others) >= MOST_USERS:
-                raise Conflict(f"user {name}: there are {MOST_USERS} users already")
+            if len(others) >= _MOST_USERS:
+                raise Conflict(f"user {name}: there are {_MOST_USERS} users already")
             _require_administrator((*others, user), before)
             self._file.write(_File(users=(*others, user)))
         return before

@@ -88,10 +88,10 @@ def run_challenge(
     """Judge every part of the challenge, and keep the outcome."""
     total = len(read_challenge(files.challenge).sets)
     parts = tuple(show(replay_challenge(files, inspector), total, "replay"))
-    return keep_replay(files, inspector, parts)
+    return _keep_replay(files, inspector, parts)
 
 
-def keep_replay(
+def _keep_replay(
     files: RecipeFolder, inspector: Inspector, parts: tuple[PartOutcome, ...]
 ) -> Replay:
     """Write the outcome of a replay; raises InputError if that cannot be done."""
@@ -115,7 +115,7 @@ def require_challenge(
     )
     judged = _up_to_a_good_part(outcomes)
     if replay is None or any(outcome.is_regression for outcome in judged):
-        replay = keep_replay(files, inspector, (*judged, *outcomes))
+        replay = _keep_replay(files, inspector, (*judged, *outcomes))
     if replay.regressions:
         named = "; ".join(map(str, replay.regressions))
         raise ChallengeFailed(

@@ -21,7 +21,7 @@ _LOCK = "challenge.lock"
 # ``reject`` is anything but PASS.
 Expected = Literal["reject", "PASS", "FAIL", "UNKNOWN"]
 EXPECTED: tuple[Expected, ...] = get_args(Expected)
-RecordChange = Callable[[str, Expected | None, Expected | None], None]
+_RecordChange = Callable[[str, Expected | None, Expected | None], None]
 """Called with a file and its old and new verdict, before anything is written."""
 MOST_SETS = 10_000
 
@@ -68,7 +68,7 @@ def add_to_challenge(
     folder: Path,
     paths: Sequence[Path],
     expected: Expected,
-    record: RecordChange = lambda *_: None,
+    record: _RecordChange = lambda *_: None,
 ) -> None:
     """Copy sets into a challenge; a set that is in it already gets the new verdict.
 
@@ -102,7 +102,7 @@ def _is_copied(path: Path, copy: Path) -> bool:
     return True
 
 
-def remove_from_challenge(folder: Path, file: str, record: RecordChange = lambda *_: None) -> None:
+def remove_from_challenge(folder: Path, file: str, record: _RecordChange = lambda *_: None) -> None:
     """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`."""
     not_listed = NotThere(f"{file[:100]!r} is not in the challenge set")
     if not folder.is_dir():  # without it there is no lock file

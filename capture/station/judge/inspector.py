@@ -32,10 +32,10 @@ from capture.station.domain.taught_files import (
 )
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import DefectRecord, PartResult
-from classify import TextureLibrary
+from classify import DefectMap, TextureLibrary, regions_of
 from classify.base.threads import beside
 from classify.classifiers.joint import ring_levels
-from classify.defects.defect_map import KINDS, DefectMap, regions_of
+from classify.defects.defect_map import KINDS
 from classify.defects.fields import part_fields
 from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures

@@ -16,7 +16,7 @@ from rig.acceptance import MAX_SATURATED_SHARE
 STOP_LED_LEVEL = 0.85
 """Least level of an LED, as a share of the taught one, against the brightest LED."""
 
-MOST_WHILE_OFF = 0.15
+_MOST_WHILE_OFF = 0.15
 """Largest share of an LED's light with all LEDs off: as much as a weak LED may lack."""
 
 
@@ -68,9 +68,9 @@ def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
             text = f"{name} at {level:.0%} of its taught level, least {STOP_LED_LEVEL:.0%}"
             yield Finding(Cause.RIG, text)
     for name, share in measures.lit_while_off:
-        if not share <= MOST_WHILE_OFF:
+        if not share <= _MOST_WHILE_OFF:
             text = f"{name} gives {share:.0%} of its light with all LEDs off, at most "
-            yield Finding(Cause.RIG, f"{text}{MOST_WHILE_OFF:.0%}")
+            yield Finding(Cause.RIG, f"{text}{_MOST_WHILE_OFF:.0%}")
     if not measures.led_levels:
         yield Finding(Cause.UNFORESEEN, "the levels of the LEDs were not measured")
 

@@ -29,7 +29,7 @@ from capture.station.judge.teaching.teaching_result import Teaching
 from capture.station.results.audit import ChangeLog, changing_on_the_terminal
 from capture.station.results.database import ResultsUnavailable
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -141,15 +141,15 @@ class RecipeChanges:
         self,
         title: str,
         begun: str,
-        work: Callable[[ShowProgress], T],
-        outcome_of: Callable[[T], str] = lambda _: "",
-    ) -> Callable[[ShowProgress], T]:
+        work: Callable[[ShowProgress], _T],
+        outcome_of: Callable[[_T], str] = lambda _: "",
+    ) -> Callable[[ShowProgress], _T]:
         """Record the begin of `work`; what is returned records its outcome or the new recipe."""
         known = self._recipe()
         before = None if known is None else with_approval(known)
         self._record("", before, begun)
 
-        def recorded(show: ShowProgress) -> T:
+        def recorded(show: ShowProgress) -> _T:
             outcome = ""
             try:
                 done = work(show)

@@ -14,7 +14,7 @@ from classify.base.models import messages_by_place
 
 from .approval import RecordChange, require_unchanged
 
-SETTINGS = (
+_SETTINGS = (
     "note", "pass", "fail", "orientation", "limits", "limits_of", "region", "light", "calibration",
     "acknowledged",
 )  # fmt: skip
@@ -51,9 +51,9 @@ def dotted(place: Place) -> str:
 
 def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:
     """Return a recipe with new values for the given keys, without approval."""
-    unknown = [key for key in values if key not in SETTINGS]
+    unknown = [key for key in values if key not in _SETTINGS]
     if unknown:
-        message = f"is not a setting; settings are {', '.join(SETTINGS)}"
+        message = f"is not a setting; settings are {', '.join(_SETTINGS)}"
         raise SettingsRefused({(key[:100],): message for key in unknown})
     before = recipe.model_dump(by_alias=True, exclude={"approval"})
     try:
@@ -90,7 +90,7 @@ def save_settings(
 def _flat_settings(recipe: Recipe) -> Iterator[tuple[str, str]]:
     """Yield dotted names and values as text of all settings."""
     values = recipe.model_dump(mode="json", by_alias=True, exclude_none=True)
-    for key in SETTINGS:
+    for key in _SETTINGS:
         yield from _flat(key, values.get(key))
 
 

@@ -12,9 +12,9 @@ from .registers import STATES, VERDICTS, Command, Status
 
 # Longer than a database that restarts, and than a set that is captured three times.
 ANSWER_S = 30.0
-RESULT_S = 60.0
+_RESULT_S = 60.0
 # Loading replays a challenge set of which something has changed.
-RECIPE_S = 300.0
+_RECIPE_S = 300.0
 _ERROR = VERDICTS[Decision.ERROR]
 _IDS = 0xFFFF
 
@@ -107,7 +107,7 @@ class Ladder:
             is_mine = inputs["trigger_id"] == self._trigger_id
             if is_mine and Status.ACK in status and self.part_id is not None:
                 self._number = inputs["number"]
-                self._expected[self._number] = self.part_id, now_s + RESULT_S
+                self._expected[self._number] = self.part_id, now_s + _RESULT_S
                 self._deadline_s = now_s + ANSWER_S
                 self._step = _Step.EXPOSURE
             elif (is_mine and Status.REFUSED in status) or now_s > self._deadline_s:
@@ -124,7 +124,7 @@ class Ladder:
         """Select the recipe of the part, or trigger the part."""
         if self.recipe not in (0, inputs["recipe"]):
             if inputs["state"] == STATES[State.READY]:
-                self._deadline_s, self._step = now_s + RECIPE_S, _Step.RECIPE
+                self._deadline_s, self._step = now_s + _RECIPE_S, _Step.RECIPE
         elif Status.READY in status:
             self._trigger_id = self._trigger_id % _IDS + 1
             self._deadline_s, self._step = now_s + ANSWER_S, _Step.ANSWER

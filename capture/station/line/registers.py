@@ -10,14 +10,14 @@ from capture.station.results.part_result import PartResult
 from capture.station.run.states import State
 
 PAGE_VERSION = 2  # 2 has SelectRecipe
-NO_ORIENTATION = 0xFFFF
+_NO_ORIENTATION = 0xFFFF
 # Ids of the station have 13 characters, those that come with a trigger up to 100.
 _ID_WORDS = 50
 # A read takes up to 125 registers, a write up to 123.
 PLC_ADDRESS = 100
 
-Type = Literal["u16", "u32", "bits", "text"]
-Values = Mapping[str, Any]
+_Type = Literal["u16", "u32", "bits", "text"]
+_Values = Mapping[str, Any]
 
 
 class Bit(IntFlag):
@@ -58,7 +58,7 @@ class Command(Bit):
     SELECT_RECIPE = 4, "its rise asks the station to load the recipe `recipe`"
 
 
-class Code(IntEnum):
+class _Code(IntEnum):
     """A code of a register with its meaning for the reference."""
 
     meaning: str
@@ -70,7 +70,7 @@ class Code(IntEnum):
         return code
 
 
-class ErrorCode(Code):
+class ErrorCode(_Code):
     """Why a trigger was refused."""
 
     NONE = 0, ""
@@ -93,7 +93,7 @@ class ErrorCode(Code):
     )
 
 
-class SelectError(Code):
+class SelectError(_Code):
     """Why a recipe was not loaded."""
 
     NONE = 0, ""
@@ -133,14 +133,14 @@ class Register:
     address: int  # first register, from 0
     name: str
     # ``u32``: high word first; ``text``: ASCII, first character in the high byte, zero-filled.
-    type: Type
+    type: _Type
     words: int  # number of registers
     meaning: str  # for the reference
 
 
-def _page(first: int, *rows: tuple[str, Type, str]) -> tuple[Register, ...]:
+def _page(first: int, *rows: tuple[str, _Type, str]) -> tuple[Register, ...]:
     registers = []
-    words_of: dict[Type, int] = {"u16": 1, "u32": 2, "bits": 1, "text": _ID_WORDS}
+    words_of: dict[_Type, int] = {"u16": 1, "u32": 2, "bits": 1, "text": _ID_WORDS}
     for name, kind, meaning in rows:
         registers.append(Register(first, name, kind, words_of[kind], meaning))
         first += words_of[kind]
@@ -163,7 +163,7 @@ STATION = _page(
     ("result_number", "u32", "number of the part whose result is shown; 0 without ResultsValid"),
     ("verdict", "u16", "see below; 0 without ResultsValid"),
     ("cause", "u16", "gravest cause, see below; 0 for PASS"),
-    ("orientation", "u16", f"tenths of a degree, 0 to 3599; {NO_ORIENTATION}: not measured"),
+    ("orientation", "u16", f"tenths of a degree, 0 to 3599; {_NO_ORIENTATION}: not measured"),
     ("result_hash", "u32", "as recipe_hash, of the recipe that judged the part; 0: none"),
     ("overruns", "u16", "results that were dropped because the PLC did not acknowledge"),
     ("result_part_id", "text", "id of the part"),
@@ -187,17 +187,17 @@ STATION_WORDS = STATION[-1].address + STATION[-1].words
 PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
 
 
-def registers_of(part: PartResult | None) -> Values:
+def registers_of(part: PartResult | None) -> _Values:
     """Return the values that show a result, or none."""
     if part is None:
         unknown = dict.fromkeys(("result_number", "verdict", "cause", "result_hash"), 0)
-        return unknown | {"orientation": NO_ORIENTATION, "result_part_id": ""}
+        return unknown | {"orientation": _NO_ORIENTATION, "result_part_id": ""}
     verdict, angle_deg = part.verdict, part.orientation_deg
     return {
         "result_number": part.number,
         "verdict": VERDICTS[verdict.decision],
         "cause": verdict.causes[0].plc_code if verdict.causes else 0,
-        "orientation": NO_ORIENTATION if angle_deg is None else round(10 * angle_deg) % 3600,
+        "orientation": _NO_ORIENTATION if angle_deg is None else round(10 * angle_deg) % 3600,
         "result_hash": first_digits(part.recipe_sha256),
         "result_part_id": part.part_id,
     }
@@ -208,7 +208,7 @@ def first_digits(sha256: str | None) -> int:
     return 0 if sha256 is None else int(sha256[:8], 16)
 
 
-def encoded(registers: Sequence[Register], values: Values) -> list[int]:
+def encoded(registers: Sequence[Register], values: _Values) -> list[int]:
     """Return the words of a page; numbers modulo their width, text cut to fit."""
     words: list[int] = []
     for register in registers:

@@ -19,7 +19,7 @@ _log = logging.getLogger(__name__)
 # line leaves a job a tenth of a processor.
 _MOST_S = 3600.0
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 Work = Callable[[ShowProgress], dict[str, Any]]
 """Does a job, and reports the items that it works through."""
 
@@ -97,7 +97,7 @@ class BackgroundJobs:
     def _run(self, work: Work) -> None:
         ends_s = time.monotonic() + self._most_s
 
-        def show(items: Iterable[T], total: int, description: str) -> Iterator[T]:
+        def show(items: Iterable[_T], total: int, description: str) -> Iterator[_T]:
             self._change(step=description, taken=0, total=total)
             for done, item in enumerate(items, start=1):
                 if time.monotonic() > ends_s:

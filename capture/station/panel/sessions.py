@@ -32,7 +32,7 @@ _MOST_ENDED = 10_000
 # OWASP's advice for logins: few failures in a row, then a pause. A name and an address are counted
 # apart, so that neither one password for many names nor many passwords for one name can be tried.
 FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS = 5, 20
-PAUSE_S = 60.0
+_PAUSE_S = 60.0
 # Logins at a time. Their passwords are hashed one after the other, and each login occupies one of
 # the 40 threads that serve requests.
 MOST_TRYING = 4
@@ -43,7 +43,7 @@ _COUNTED_LETTERS = 101
 # Failed logins that get a row in the log of changes: at most so many in this time.
 _MOST_RECORDED, _RECORDED_S = 100, 3600.0
 _Key = tuple[str, str, str]  # ``name``, ``address`` or ``both``; the name, the address
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 class _File(Section):
@@ -139,7 +139,7 @@ def _signature(key: str, purpose: str, text: str) -> str:
 
 
 class LoginLimit:
-    """Counts failed logins of names and addresses, and locks them for `PAUSE_S`. Thread-safe.
+    """Counts failed logins of names and addresses, and locks them for `_PAUSE_S`. Thread-safe.
 
     An address from which a name has logged in has a count of its own for this name: failures from
     elsewhere never shut it out.
@@ -183,12 +183,12 @@ class LoginLimit:
                 return wait_s
             for key, allowed in limits.items():
                 count, last_s = self._failures.pop(key, (0, now_s))
-                count = 1 if now_s - last_s > PAUSE_S else count + 1
+                count = 1 if now_s - last_s > _PAUSE_S else count + 1
                 if count < allowed:
                     _keep(self._failures, key, (count, now_s))
                 else:
                     self._locked_until_s.pop(key, None)
-                    _keep(self._locked_until_s, key, now_s + PAUSE_S)
+                    _keep(self._locked_until_s, key, now_s + _PAUSE_S)
             return 0.0
 
     def succeeded(self, name: str, address: str) -> None:
@@ -227,7 +227,7 @@ class LoginLimit:
         }
 
 
-def _keep(values: dict[_Key, T], key: _Key, value: T) -> None:
+def _keep(values: dict[_Key, _T], key: _Key, value: _T) -> None:
     """Add a value as the newest one, and forget the oldest beyond `_MOST_KEYS`."""
     values[key] = value
     while len(values) > _MOST_KEYS:

@@ -26,7 +26,7 @@ from .charts.charts import MOST_SHARES, causes_chart, control_chart, gauge_chart
 from .charts.drawing import Drawing
 from .panel import Panel
 
-Cell = str | int | float | None
+_Cell = str | int | float | None
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Figure:
     title: str
     note: str  # how to read it
     columns: tuple[str, ...]
-    rows: tuple[tuple[Cell, ...], ...]
+    rows: tuple[tuple[_Cell, ...], ...]
     drawing: Drawing
     remarks: tuple[str, ...] = ()  # points that stand out, one fact each
 
@@ -107,7 +107,7 @@ def gauge_of(folder: StationFolder, selection: Selection) -> GaugeReport | None:
 def _yield_figure(periods: Sequence[Period]) -> Iterator[Figure]:
     if not periods:
         return
-    rows: tuple[tuple[Cell, ...], ...] = tuple(
+    rows: tuple[tuple[_Cell, ...], ...] = tuple(
         (
             period.begin,
             period.parts,
@@ -133,7 +133,7 @@ def _pareto_figure(
     if not causes:
         return
     total, added = sum(cause.parts for cause in causes), 0
-    rows: list[tuple[Cell, ...]] = []
+    rows: list[tuple[_Cell, ...]] = []
     for cause in causes:
         added += cause.parts
         rows.append((str(cause.cause), cause.parts, cause.also, cause.parts / total, added / total))

@@ -44,7 +44,7 @@ from .part_result import COLUMNS
 VERSION = 9
 MADE_BY = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
 
-metadata = MetaData()
+_metadata = MetaData()
 
 
 _LINK = ("link", "chain_sha256")
@@ -92,16 +92,16 @@ def _lower_in_postgresql(element: lower_ascii, compiler: SQLCompiler, **options:
 
 
 # Which program brought the database to which version, and when.
-schema_versions = Table(
+_schema_versions = Table(
     "schema_versions",
-    metadata,
+    _metadata,
     Column("version", Integer, primary_key=True, autoincrement=False),
     *_texts("since_utc", "software_version"),
 )
 
 stations = Table(
     "stations",
-    metadata,
+    _metadata,
     Column("station", Text, primary_key=True),
     *_texts("since_utc"),
 )
@@ -109,7 +109,7 @@ stations = Table(
 # One row for each trigger that was taken, before the first exposure.
 begun_parts = Table(
     "begun_parts",
-    metadata,
+    _metadata,
     Column("station", Text, ForeignKey("stations.station"), nullable=False),
     *_texts("part_id"),
     Column("number", BigInteger, nullable=False),
@@ -125,7 +125,7 @@ Index("begun_parts_lower", begun_parts.c.station, lower_ascii(begun_parts.c.part
 # The fields of `PartResult`, in its words.
 results = Table(
     "results",
-    metadata,
+    _metadata,
     *(_column(name, kind) for name, kind in COLUMNS.items() if name not in _LINK),
     *_link(),
     PrimaryKeyConstraint("station", "part_id"),
@@ -139,7 +139,7 @@ results = Table(
 # A person's verdict on a part that has a result; the one with the highest position holds.
 overrides = Table(
     "overrides",
-    metadata,
+    _metadata,
     *_texts("station", "part_id"),
     Column("position", BigInteger, nullable=False),
     _request(),
@@ -152,7 +152,7 @@ overrides = Table(
 # Triggers that could not be served.
 refused_triggers = Table(
     "refused_triggers",
-    metadata,
+    _metadata,
     Column("station", Text, ForeignKey("stations.station"), nullable=False),
     Column("position", BigInteger, nullable=False),
     _request(),
@@ -168,7 +168,7 @@ refused_triggers = Table(
 # batch is one transaction; the files of the last one may still be there.
 removed_sets = Table(
     "removed_sets",
-    metadata,
+    _metadata,
     *_texts("station", "part_id"),
     Column("batch", BigInteger, nullable=False),
     *_texts("utc", "set_file"),
@@ -180,7 +180,7 @@ removed_sets = Table(
 # What people and programs changed at the station, other than verdicts.
 changes = Table(
     "changes",
-    metadata,
+    _metadata,
     Column("station", Text, ForeignKey("stations.station"), nullable=False),
     Column("position", BigInteger, nullable=False),
     _request(),
@@ -202,7 +202,7 @@ def same_part(table: FromClause, other: FromClause) -> ColumnElement[bool]:
 
 def require_tables(connection: Connection, name: str) -> None:
     """Check that the tables are of this version."""
-    version_of_tables = stored_version(connection)
+    version_of_tables = _stored_version(connection)
     if version_of_tables == 0:
         raise InputError(f"{name}: holds no results; {MADE_BY}")
     if version_of_tables != VERSION:
@@ -217,13 +217,13 @@ def make_tables(connection: Connection, name: str) -> None:
     if connection.dialect.name == "postgresql":
         # Stations that start at the same moment take turns.
         connection.exec_driver_sql("SELECT pg_advisory_xact_lock(0, hashtext('ps4rig'))")
-    if stored_version(connection) != 0:
+    if _stored_version(connection) != 0:
         require_tables(connection, name)
         return
-    metadata.create_all(connection, checkfirst=False)
+    _metadata.create_all(connection, checkfirst=False)
     if connection.dialect.name == "postgresql":
         connection.exec_driver_sql(_POSTGRESQL_REFUSAL)
-    for table in metadata.sorted_tables:
+    for table in _metadata.sorted_tables:
         for statement in _append_only(connection.dialect.name, table.name, _keys(table)):
             connection.exec_driver_sql(statement)
     row = {
@@ -231,14 +231,14 @@ def make_tables(connection: Connection, name: str) -> None:
         "since_utc": utc_text(timespec="milliseconds"),
         "software_version": version("ps4rig"),
     }
-    connection.execute(insert(schema_versions).values(row))
+    connection.execute(insert(_schema_versions).values(row))
 
 
-def stored_version(connection: Connection) -> int:
+def _stored_version(connection: Connection) -> int:
     """Return the version of the tables; 0 for a database without them."""
-    if not inspect(connection).has_table(schema_versions.name):
+    if not inspect(connection).has_table(_schema_versions.name):
         return 0
-    return connection.scalar(select(func.max(schema_versions.c.version))) or 0
+    return connection.scalar(select(func.max(_schema_versions.c.version))) or 0
 
 
 def _append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> Iterator[str]:

@@ -21,7 +21,7 @@ MOST_PERIODS = 400
 """Periods that are counted; the newest ones."""
 MOST_MEASURED = 2000
 """Parts of the control charts: 400 points, about as many as a screen shows apart."""
-MOST_CHOICES = 100
+_MOST_CHOICES = 100
 """Names that a form offers; a station knows a few dozen textures."""
 # Periods are hours up to a span of two days, days up to three months, and months beyond. A period
 # is a prefix of the time: greatest span in days, length of the prefix.
@@ -173,7 +173,7 @@ def newest_measured(
 
 
 def choices(store: ResultStore) -> Choices:
-    """Return textures and recipes of all parts, at most `MOST_CHOICES` of each."""
+    """Return textures and recipes of all parts, at most `_MOST_CHOICES` of each."""
     return Choices(_names(store, results.c.label), _names(store, results.c.recipe))
 
 
@@ -183,7 +183,7 @@ def _names(store: ResultStore, column: ColumnElement[str | None]) -> tuple[str, 
         .where(results.c.station == store.station, column.is_not(None))
         .distinct()
         .order_by(column)
-        .limit(MOST_CHOICES)
+        .limit(_MOST_CHOICES)
     )
     with store.reading() as connection:
         return tuple(name for name in connection.scalars(statement) if name is not None)

@@ -24,12 +24,11 @@ from capture.station.domain.verdict import Decision
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.measured_surface import MeasuredSurface
 from capture.station.results.store import open_store
-from classify import TextureLibrary
+from classify import Calibration, TextureLibrary, learn_defects
 from classify.base.durable_file import make_folder
 from classify.base.threads import beside_workers
-from classify.calibration.calibration import Calibration
 from classify.classifiers.joint import ring_levels
-from classify.defects.learning import LEAST_PARTS, learn_defects
+from classify.defects.learning import LEAST_PARTS
 from classify.library.training import TrainingRow, observe
 from classify.methods import default_method
 from classify.pieces.features import band_moments

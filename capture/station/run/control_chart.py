@@ -14,9 +14,9 @@ from capture.station.run.events import PartAnnounced, RecipeLoaded, Warned
 from capture.station.run.live_view import LiveEvent
 from rig.acceptance import EQUAL_LED_LEVELS
 
-WARN_LED_LEVEL = 0.95
+_WARN_LED_LEVEL = 0.95
 """Share of its taught level, against the brightest, below which an LED is named."""
-LEAST_LED_CHANGE = EQUAL_LED_LEVELS
+_LEAST_LED_CHANGE = EQUAL_LED_LEVELS
 """Smaller differences from the baseline are no drift: sets need no correction for them."""
 
 # Subgroups of 4 or 5 and 20 to 25 of them for the limits are customary since Shewhart (1931).
@@ -30,7 +30,7 @@ _LEAST_SPREAD = 1e-3
 # them lie on one side of the baseline, and beyond how many standard deviations.
 _RULES = ((1, 1, 3.0), (3, 2, 2.0), (5, 4, 1.0), (8, 8, 0.0))
 _LOW = (
-    f"least {WARN_LED_LEVEL:.0%}; parts become errors below {STOP_LED_LEVEL:.0%} of the "
+    f"least {_WARN_LED_LEVEL:.0%}; parts become errors below {STOP_LED_LEVEL:.0%} of the "
     "brightest; clean or replace it"
 )
 _LONGEST = max(points for points, _, _ in _RULES)
@@ -71,7 +71,7 @@ def _broken(offsets: Sequence[float]) -> Iterator[str]:
                 yield f"{least} of {points} points {distance} the baseline"
 
 
-class RuleSeries:
+class _RuleSeries:
     """Points of one chart: the first ones are its baseline; differences below `least` are none."""
 
     def __init__(self, least: float = 0.0) -> None:
@@ -111,7 +111,7 @@ class _Watched:
     """One chart of a running station."""
 
     def __init__(self, least: float = 0.0) -> None:
-        self._series, self._warnings = RuleSeries(least), NewWarnings()
+        self._series, self._warnings = _RuleSeries(least), NewWarnings()
 
     def add(self, point: float, further: Iterable[str] = ()) -> tuple[str, ...]:
         """Add a point at which `further` warnings hold too; return the new warnings."""
@@ -130,7 +130,7 @@ class ControlChart:
         self._begin()
 
     def _begin(self) -> None:
-        self._levels = {name: _Watched(LEAST_LED_CHANGE) for name in self._led_names}
+        self._levels = {name: _Watched(_LEAST_LED_CHANGE) for name in self._led_names}
         self._distance = _Watched()
         self._notes = NewWarnings()
         self._group: list[PartResult] = []
@@ -148,7 +148,7 @@ class ControlChart:
         return [*self._notes.begun(result.notes), *self._of_measures(result)]
 
     def _of_measures(self, result: PartResult) -> list[str]:
-        if result.label is None or not is_measured(
+        if result.label is None or not _is_measured(
             result.distance, result.led_levels, len(self._led_names)
         ):
             return []
@@ -159,29 +159,29 @@ class ControlChart:
         return list(self._warnings(group))
 
     def _warnings(self, group: Sequence[PartResult]) -> Iterator[str]:
-        levels = relative_levels([result.led_levels for result in group])
+        levels = _relative_levels([result.led_levels for result in group])
         for level, (name, series) in zip(levels, self._levels.items(), strict=True):
-            low = [_LOW] if level < WARN_LED_LEVEL else []
+            low = [_LOW] if level < _WARN_LED_LEVEL else []
             for text in series.add(level, low):
                 yield f"{name} at {level:.1%} of its taught level: {text}"
-        log_distance = mean_log_distance(part.distance or 1.0 for part in group)
+        log_distance = _mean_log_distance(part.distance or 1.0 for part in group)
         for text in self._distance.add(log_distance):
             distance = math.exp(log_distance)
             yield f"distance {distance:.2f}: {text}; look at focus, light and material"
 
 
-def relative_levels(group: Sequence[Sequence[float]]) -> list[float]:
+def _relative_levels(group: Sequence[Sequence[float]]) -> list[float]:
     """Return the mean level of each LED over some parts, as a share of the brightest."""
     means = [statistics.fmean(levels) for levels in zip(*group, strict=True)]
     return [mean / max(means) for mean in means]
 
 
-def mean_log_distance(distances: Iterable[float]) -> float:
+def _mean_log_distance(distances: Iterable[float]) -> float:
     """Return the mean logarithm of distances, whose scatter is a share of their size."""
     return statistics.fmean(map(math.log, distances))
 
 
-def is_measured(distance: float | None, led_levels: Sequence[float], leds: int) -> bool:
+def _is_measured(distance: float | None, led_levels: Sequence[float], leds: int) -> bool:
     """Whether a part has a distance, and the levels of `leds` LEDs, all finite and positive."""
     values = [*led_levels, distance or 0.0]
     return len(led_levels) == leds and all(math.isfinite(value) and value > 0.0 for value in values)
@@ -218,17 +218,17 @@ def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
     """
     listed = list(parts)
     leds = len(listed[-1].led_levels) if listed else 0
-    measured = [part for part in listed if is_measured(part.distance, part.led_levels, leds)]
+    measured = [part for part in listed if _is_measured(part.distance, part.led_levels, leds)]
     groups = [measured[end - GROUP : end] for end in range(GROUP, len(measured) + 1, GROUP)]
-    levels = [relative_levels([part.led_levels for part in group]) for group in groups]
+    levels = [_relative_levels([part.led_levels for part in group]) for group in groups]
     return (
         _history(
             groups,
-            [mean_log_distance(part.distance for part in group) for group in groups],
+            [_mean_log_distance(part.distance for part in group) for group in groups],
             math.exp,
         ),
         *(
-            _history(groups, [point[led] for point in levels], least=LEAST_LED_CHANGE)
+            _history(groups, [point[led] for point in levels], least=_LEAST_LED_CHANGE)
             for led in range(leds)
         ),
     )
@@ -241,7 +241,7 @@ def _history(
     least: float = 0.0,
 ) -> ChartHistory:
     """Apply the rules to points of groups; `value_of` converts a point to chart units."""
-    series, warnings, shown = RuleSeries(least), NewWarnings(), []
+    series, warnings, shown = _RuleSeries(least), NewWarnings(), []
     for (*_, last), point in zip(groups, points, strict=True):
         broken = series.add(point)
         begun, value = warnings.begun(broken), value_of(point)

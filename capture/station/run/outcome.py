@@ -18,7 +18,7 @@ from classify.base.threads import beside_workers
 
 from .station_clock import StationClock
 
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 SOFTWARE_VERSION = version("ps4rig")
 
@@ -65,7 +65,7 @@ class PartJudge:
         if part.error is not None:
             failures.append((part.error, None))
 
-        def tried(work: Callable[[], T], cause: Cause | None = None) -> T | None:
+        def tried(work: Callable[[], _T], cause: Cause | None = None) -> _T | None:
             try:
                 return work()
             except BaseException as error:

@@ -75,7 +75,7 @@ class RecipeLoader:
             try:
                 return self.load(files)
             except NotApproved as error:
-                approved = approved_recipe(files, store)
+                approved = _approved_recipe(files, store)
                 if approved is None:
                     raise
                 warn(f"{error}; until then the approved {approved.version_text} judges")
@@ -219,7 +219,7 @@ class RunRecipes:
         )
 
 
-def approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:
+def _approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:
     """Return the approved state that judged last, before the last approved one; None without any.
 
     After a roll-back the last approved one is not the one in use.

@@ -25,7 +25,7 @@ from capture.station.run.events import (
 from capture.station.run.live_view import LiveEvent
 from capture.station.run.states import State
 
-SOCKET = Path("/run/systemd/journal/socket")
+_SOCKET = Path("/run/systemd/journal/socket")
 # Time to wait for the journal to take an entry; after that only station.log has the entry.
 _PATIENCE_S = 1.0
 # Priorities of syslog(3).
@@ -42,7 +42,7 @@ def is_connected_to_journal(environment: Mapping[str, str], descriptor: int) -> 
 class Journal:
     """Subscriber to a station's events that writes them into the journal. Never raises."""
 
-    def __init__(self, station: str, path: Path = SOCKET) -> None:
+    def __init__(self, station: str, path: Path = _SOCKET) -> None:
         self._station, self._path = station, path
 
     def tell(self, live: LiveEvent) -> None:

@@ -25,16 +25,16 @@ def _inside(text: str) -> str:
     return text
 
 
-InnerPath = Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_inside)]
-Text = Annotated[str, Field(max_length=200)]
-Count = Annotated[int, Field(ge=0)]
+_InnerPath = Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_inside)]
+_Text = Annotated[str, Field(max_length=200)]
+_Count = Annotated[int, Field(ge=0)]
 
 
 class StoredFile(Record):
     """A file of a backup."""
 
-    path: InnerPath
-    bytes: Count
+    path: _InnerPath
+    bytes: _Count
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
 
 
@@ -43,14 +43,14 @@ class Manifest(Record):
 
     format: Literal["ps4rig-backup"] = "ps4rig-backup"
     version: Literal[2] = 2
-    utc: Text  # when the results were copied
-    station: Text
-    software_version: Text
+    utc: _Text  # when the results were copied
+    station: _Text
+    software_version: _Text
     # SQLite file or PostgreSQL dump in the backup; None before the first run.
-    database: InnerPath | None
-    parts: Count  # those with a result
-    chain_sha256: Text  # head of the chain of hashes of the station; empty without rows
-    sets: Count
+    database: _InnerPath | None
+    parts: _Count  # those with a result
+    chain_sha256: _Text  # head of the chain of hashes of the station; empty without rows
+    sets: _Count
     # Set files that the results name. The first fault ends the reading of a hostile list.
-    missing: Annotated[tuple[InnerPath, ...], Field(max_length=MOST_FILES), FailFast()]
+    missing: Annotated[tuple[_InnerPath, ...], Field(max_length=MOST_FILES), FailFast()]
     files: Annotated[tuple[StoredFile, ...], Field(max_length=MOST_FILES), FailFast()]

@@ -23,9 +23,9 @@ from .made_faults import (
     with_fault,
 )
 
-LEAST_FOUND = 0.9
+_LEAST_FOUND = 0.9
 """Share of the parts with a fault that must not pass for it to count as found."""
-GREAT = 0.2
+_GREAT = 0.2
 """Size of a fault, as a share of the frame, that a recipe must find to be approved."""
 
 # Good parts of a texture, for an approval.
@@ -46,8 +46,8 @@ class FaultFinding(Record):
 
     @property
     def is_found(self) -> bool:
-        """Whether at least `LEAST_FOUND` of the parts did not pass."""
-        return self.found >= LEAST_FOUND * self.parts
+        """Whether at least `_LEAST_FOUND` of the parts did not pass."""
+        return self.found >= _LEAST_FOUND * self.parts
 
     def __str__(self) -> str:
         return f"{self.fault}, {self.strength:g} {self.unit}, on {self.texture}"
@@ -62,12 +62,12 @@ class FaultStudy(Record):
     findings: tuple[FaultFinding, ...]
 
     def passing(self, recipe: Recipe) -> tuple[FaultFinding, ...]:
-        """Faults of `GREAT` size that pass and that a recipe does not acknowledge."""
+        """Faults of `_GREAT` size that pass and that a recipe does not acknowledge."""
         return tuple(
             finding
             for finding in self.findings
             if finding.unit == "of the frame"
-            and finding.strength == GREAT
+            and finding.strength == _GREAT
             and not finding.is_found
             and finding.fault not in recipe.acknowledged
         )
@@ -101,7 +101,7 @@ def study_faults(
 ) -> Iterator[FaultFinding]:
     """Judge good parts of a recipe with faults; parts that do not pass without one are left out.
 
-    At most `parts` of each texture, with `great_only` only with faults of `GREAT` size.
+    At most `parts` of each texture, with `great_only` only with faults of `_GREAT` size.
     """
     taught = taught_for(inspector.recipe, files)
     draw = random.Random(1)
@@ -119,7 +119,7 @@ def study_faults(
             if fault.needs_handedness and limits.handedness is None:
                 continue
             for strength in fault.strengths:
-                if great_only and not (fault.is_local and strength == GREAT):
+                if great_only and not (fault.is_local and strength == _GREAT):
                     continue
                 verdicts = [_passes(own, loaded, fault, strength, draw) for loaded, own in good]
                 judged = [verdict for verdict in verdicts if verdict is not None]
@@ -176,7 +176,7 @@ def keep_study(
 
 
 def great_faults(files: RecipeFolder, inspector: Inspector) -> FaultStudy:
-    """Study faults of `GREAT` size, unless a study of this recipe is kept."""
+    """Study faults of `_GREAT` size, unless a study of this recipe is kept."""
     study = kept_study(files, inspector)
     if study is None:
         findings = list(study_faults(files, inspector, _PARTS, great_only=True))
@@ -185,7 +185,7 @@ def great_faults(files: RecipeFolder, inspector: Inspector) -> FaultStudy:
 
 
 def require_great_faults_found(files: RecipeFolder, inspector: Inspector) -> None:
-    """Check that no fault of `GREAT` size passes that the recipe does not acknowledge."""
+    """Check that no fault of `_GREAT` size passes that the recipe does not acknowledge."""
     recipe = inspector.recipe
     passing = great_faults(files, inspector).passing(recipe)
     if passing:

@@ -24,10 +24,10 @@ Rating = Literal["acceptable", "marginal", "unacceptable"]
 # Least effectiveness, most misses and most false alarms (AIAG, Measurement Systems Analysis, 4th
 # edition, chapter III C): acceptable, and marginal.
 ACCEPTABLE = (0.90, 0.02, 0.05)
-MARGINAL = (0.80, 0.05, 0.10)
+_MARGINAL = (0.80, 0.05, 0.10)
 _RATINGS: tuple[tuple[Rating, tuple[float, float, float]], ...] = (
     ("acceptable", ACCEPTABLE),
-    ("marginal", MARGINAL),
+    ("marginal", _MARGINAL),
 )
 _MAX_BYTES = 1 << 22
 _TRUTHS = {"good": True, "bad": False}

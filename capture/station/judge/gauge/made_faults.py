@@ -11,8 +11,8 @@ import numpy.typing as npt
 
 from capture.sets.captured_set import CapturedSet
 
-Images = npt.NDArray[np.float32]
-Unit = Literal["of the frame", "of the taught value"]
+_Images = npt.NDArray[np.float32]
+_Unit = Literal["of the frame", "of the taught value"]
 
 # Shares of the frame's shorter side; the last one is the size that every recipe must find.
 _SIZES = (0.06, 0.1, 0.2)
@@ -36,10 +36,10 @@ class MadeFault:
     """A kind of fault with three strengths, and what makes it from images without ambient light."""
 
     name: str
-    unit: Unit  # of a strength: size of the fault, or factor of the whole part
+    unit: _Unit  # of a strength: size of the fault, or factor of the whole part
     strengths: tuple[float, float, float]
     # From images, tilts of lights in deg, strength, place; None where the lights forbid it.
-    make: Callable[[Images, npt.NDArray[np.float64], float, Place], Images | None]
+    make: Callable[[_Images, npt.NDArray[np.float64], float, Place], _Images | None]
     needs_handedness: bool = False  # cannot be seen on a texture that looks like its mirror image
     needs_direction: bool = False  # need not be seen on a texture that looks alike at 90 degrees
 
@@ -62,39 +62,39 @@ def with_fault(
     return replace(captured, images=values.astype(np.uint16))
 
 
-def _from_middle(images: Images, place: Place) -> tuple[Images, Images]:
+def _from_middle(images: _Images, place: Place) -> tuple[_Images, _Images]:
     rows, columns = images.shape[1:]
     x = np.arange(columns, dtype=np.float32) - np.float32(0.5 * (columns - 1) + place.x_px)
     y = np.float32(0.5 * (rows - 1) - place.y_px) - np.arange(rows, dtype=np.float32)
     return x, y[:, None]
 
 
-def _side_px(images: Images) -> int:
+def _side_px(images: _Images) -> int:
     return int(min(images.shape[1:]))
 
 
-def _disc(images: Images, size: float, place: Place) -> Images:
+def _disc(images: _Images, size: float, place: Place) -> _Images:
     """Weight of a round piece, with a soft edge."""
     x, y = _from_middle(images, place)
     inside = np.float32(0.5 * size * _side_px(images)) - np.hypot(x, y)
     return np.asarray(np.clip(inside / np.float32(_EDGE_PX) + 0.5, 0.0, 1.0), np.float32)
 
 
-def _blended(images: Images, other: Images, weight: Images) -> Images:
+def _blended(images: _Images, other: _Images, weight: _Images) -> _Images:
     return np.asarray(images + weight * (other - images), np.float32)
 
 
-def _smooth(images: Images, sigma_px: float) -> Images:
+def _smooth(images: _Images, sigma_px: float) -> _Images:
     return np.stack([cv2.GaussianBlur(image, (0, 0), sigma_px) for image in images])
 
 
-def _hole(images: Images, _: Any, size: float, place: Place) -> Images:
+def _hole(images: _Images, _: Any, size: float, place: Place) -> _Images:
     weight = _disc(images, size, place)
     means = (images * weight).sum(axis=(1, 2)) / weight.sum()
     return _blended(images, np.broadcast_to(means[:, None, None], images.shape), weight)
 
 
-def _strip(images: Images, _: Any, size: float, place: Place) -> Images:
+def _strip(images: _Images, _: Any, size: float, place: Place) -> _Images:
     x, y = _from_middle(images, place)
     angle = math.radians(place.angle_deg)
     across = np.abs(np.float32(math.cos(angle)) * x + np.float32(math.sin(angle)) * y)
@@ -103,11 +103,11 @@ def _strip(images: Images, _: Any, size: float, place: Place) -> Images:
     return _blended(images, _smooth(images, 8.0), weight)
 
 
-def _stain(images: Images, _: Any, size: float, place: Place) -> Images:
+def _stain(images: _Images, _: Any, size: float, place: Place) -> _Images:
     return _blended(images, images * np.float32(1.0 - _CONTRAST), _disc(images, size, place))
 
 
-def _dent(images: Images, tilts_deg: Any, size: float, place: Place) -> Images:
+def _dent(images: _Images, tilts_deg: Any, size: float, place: Place) -> _Images:
     """Slopes of a raised cosine, added to the shading at a slant of 45 degrees."""
     x, y = _from_middle(images, place)
     radius = 0.5 * size * _side_px(images)
@@ -119,7 +119,7 @@ def _dent(images: Images, tilts_deg: Any, size: float, place: Place) -> Images:
     return np.asarray(images - towards * images.mean(axis=0), np.float32)
 
 
-def _rotated(images: Images, tilts_deg: Any, size: float, place: Place) -> Images | None:
+def _rotated(images: _Images, tilts_deg: Any, size: float, place: Place) -> _Images | None:
     lights = _lights(tilts_deg, lambda tilt_deg: tilt_deg - 90.0)
     if lights is None:
         return None
@@ -130,7 +130,7 @@ def _rotated(images: Images, tilts_deg: Any, size: float, place: Place) -> Image
     return _blended(images, other, _disc(images, size, place))
 
 
-def _mirrored(images: Images, tilts_deg: Any, size: float, place: Place) -> Images | None:
+def _mirrored(images: _Images, tilts_deg: Any, size: float, place: Place) -> _Images | None:
     lights = _lights(tilts_deg, lambda tilt_deg: 180.0 - tilt_deg)
     if lights is None:
         return None
@@ -149,7 +149,7 @@ def _lights(tilts_deg: Any, source_deg: Callable[[float], float]) -> list[int] |
     return found
 
 
-def _scaled(images: Images, _: Any, factor: float, __: Place) -> Images:
+def _scaled(images: _Images, _: Any, factor: float, __: Place) -> _Images:
     rows, columns = images.shape[1:]
     matrix = cv2.getRotationMatrix2D((0.5 * (columns - 1), 0.5 * (rows - 1)), 0.0, factor)
     return np.stack([
@@ -160,11 +160,11 @@ def _scaled(images: Images, _: Any, factor: float, __: Place) -> Images:
     ])  # fmt: skip
 
 
-def _darker(images: Images, _: Any, factor: float, __: Place) -> Images:
+def _darker(images: _Images, _: Any, factor: float, __: Place) -> _Images:
     return images * np.float32(factor)
 
 
-def _deeper(images: Images, _: Any, factor: float, __: Place) -> Images:
+def _deeper(images: _Images, _: Any, factor: float, __: Place) -> _Images:
     mean = images.mean(axis=0)
     return np.asarray(mean + np.float32(factor) * (images - mean), np.float32)
 

@@ -8,11 +8,10 @@ import numpy as np
 from capture.base.console import ShowProgress
 from capture.station.domain.least_found import LeastFound
 from capture.station.domain.recipe import Recipe, Region
-from classify import SurfaceEstimate, TextureLibrary
+from classify import DefectModel, SurfaceEstimate, TextureLibrary, learn_defects
 from classify.classifiers import classifier_named
-from classify.defects.defect_model import DefectModel
 from classify.defects.detectability import detectability
-from classify.defects.learning import FixedMarks, learn_defects
+from classify.defects.learning import FixedMarks
 
 from .taught_part import TaughtPart, solved
 

@@ -23,7 +23,7 @@ from .taught_sets import KeptSet
 _, _MOST_MISSES, _MOST_FALSE_ALARMS = ACCEPTABLE
 # Limits of 3 good parts are 10.6 standard deviations wide, those of 10 are 4.0, those of 30 are 3.1
 # (`classify.confidence.tolerance_factor`): from 10 on, more parts narrow them little.
-ENOUGH_PARTS = 10
+_ENOUGH_PARTS = 10
 
 
 @dataclass(frozen=True)
@@ -126,13 +126,13 @@ class Teaching:
             yield from (f"{texture}: {remark}" for remark in found)
 
     def _few_parts(self) -> Iterator[str]:
-        """Remarks on textures with fewer than `ENOUGH_PARTS` parts that overlap or are good."""
+        """Remarks on textures with fewer than `_ENOUGH_PARTS` parts that overlap or are good."""
         overlapping = [
             name for overlap in self.overlaps for name in (overlap.texture, overlap.other)
         ]
         for texture in dict.fromkeys([*overlapping, *self.recipe.passes]):
             parts = len(self.taught.textures[texture].sets)
-            if parts >= ENOUGH_PARTS:
+            if parts >= _ENOUGH_PARTS:
                 continue
             remark = f"{texture}: {parts} parts leave open how much it varies"
             if texture in self.recipe.passes:
@@ -140,7 +140,7 @@ class Teaching:
                     f", so its limits are {tolerance_factor(parts):.1f} standard deviations wide. "
                     "A recipe that passes parts with large faults is not approved"
                 )
-            yield f"{remark}; teach {ENOUGH_PARTS} parts or more"
+            yield f"{remark}; teach {_ENOUGH_PARTS} parts or more"
 
     def _odd_verdicts(self) -> Iterator[str]:
         for part, inspection in zip(self.parts, self.inspections, strict=True):

@@ -13,10 +13,9 @@ from capture.station.domain.taught_files import models_of
 from capture.station.panel.security import Denied
 from capture.station.results.history import HistoryEntry
 from capture.station.results.part_result import PartResult
-from classify import Method, TextureLibrary
+from classify import DefectModel, Method, TextureLibrary
 from classify.base.errors import InputError
 from classify.base.models import read_toml_as
-from classify.defects.defect_model import DefectModel
 
 
 @dataclass(frozen=True, eq=False)

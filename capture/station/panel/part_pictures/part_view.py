@@ -14,8 +14,9 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe import Region
 from capture.station.judge.measured_surface import MeasuredSurface, fits
 from capture.station.results.part_result import DefectRecord, PartResult
+from classify import DefectMap, regions_of
 from classify.base.errors import InputError
-from classify.defects.defect_map import KINDS, DefectMap, regions_of
+from classify.defects.defect_map import KINDS
 from classify.surface.estimate import FloatMap
 
 from .judged_by import JudgedBy, judged_by

@@ -12,7 +12,7 @@ NEW_FIELD = "    gloss: float | None = None\n"
 ROW = "    @model_validator"
 NEW_ROW = """\
     gloss: Annotated[
-        Share | None,
+        _Share | None,
         LimitRow("gloss", "largest", Cause.ALBEDO, ".2f", in_reason=True),
     ] = Field(default=None, description="largest gloss")
 
