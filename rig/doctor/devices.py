@@ -233,7 +233,9 @@ def check_frames(camera: Camera) -> Iterator[Check]:
     if lost == 0 and corrupt == 0:
         yield Check("frames", "ok", finding)
     else:
-        advice = "give the camera its own USB port, a shorter cable, or a lower frame rate"
+        advice = (
+            "give the camera its own USB or network port, a shorter cable, or a lower frame rate"
+        )
         yield Check("frames", "warning", finding, advice)
 
 

@@ -56,6 +56,7 @@ class GenicamCamera:
         self._clock = DeviceClock()
         self._camera = AravisCamera(config.device)
         try:
+            self._camera.take_control()
             self._period_s = set_measurement_mode(self._camera, config)
             self._exposure_ms = self._camera.exposure_ms
             self._camera.start(_BUFFERS)

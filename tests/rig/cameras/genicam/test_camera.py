@@ -9,6 +9,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from threading import Timer
 
 import numpy as np
 import pytest
@@ -112,6 +113,14 @@ def test_another_program_cannot_change_the_exposure(served: GigeRig) -> None:
         switch = rig.lights.select(0)
         assert rig.camera.info.exposure_s == pytest.approx(0.015)
         assert good_frame(rig, switch.acknowledged_s + 0.01).pixels.mean() > 5 * dark
+
+
+def test_a_program_that_lists_the_camera_is_waited_for(served: GigeRig) -> None:
+    closing = Timer(0.5, AravisCamera(DEVICE).close)
+    closing.start()
+    with open_rig(served.config) as rig:
+        good_frame(rig)
+    closing.join()
 
 
 # Prints the exposure start of each frame, and status 3 at the end of the stream.
