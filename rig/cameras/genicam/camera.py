@@ -1,5 +1,6 @@
 """`GenicamCamera`: a GigE Vision or USB3 Vision camera in measurement mode."""
 
+import os
 import time
 from collections import deque
 from collections.abc import Iterator
@@ -217,7 +218,28 @@ def list_genicam_cameras() -> list[ListedCamera]:
     """List the cameras that answer on networks and USB; none without Aravis."""
     if not is_installed():
         return []
-    return [_listed(device) for device in find_devices()]
+    return [*map(_listed, find_devices()), *_closed_usb_cameras()]
+
+
+USB_DEVICES = Path("/sys/bus/usb/devices")
+
+
+def _closed_usb_cameras() -> Iterator[ListedCamera]:
+    """USB3 Vision cameras that this user may not open; Aravis passes over them."""
+    for interface in USB_DEVICES.glob("*:*"):
+        usb = USB_DEVICES / interface.name.partition(":")[0]
+        try:
+            values = [interface / f"bInterface{name}" for name in ("Class", "SubClass", "Protocol")]
+            if [path.read_text().strip() for path in values] != ["ef", "05", "00"]:
+                continue
+            number = [int((usb / name).read_text()) for name in ("busnum", "devnum")]
+            serial, name = ((usb / name).read_text().strip() for name in ("serial", "product"))
+        except (OSError, ValueError):  # unplugged
+            continue
+        node = Path("/dev/bus/usb/{:03}/{:03}".format(*number))
+        if not os.access(node, os.R_OK | os.W_OK):
+            problem = f"{name} {serial}: you may not read and write {node}"
+            yield ListedCamera("genicam", serial, name, "USB3Vision", node, problem=problem)
 
 
 def _listed(found: DetectedCamera) -> ListedCamera:
