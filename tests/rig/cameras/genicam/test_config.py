@@ -85,8 +85,8 @@ def test_a_usb_camera_that_may_not_be_opened_is_listed_with_the_rules(
     assert str(RULES_FILE) in check.advice
 
 
-def info(width_px: int, rate_hz: float, packet_bytes: int = 1500) -> CameraInfo:
-    record = {"pixel_format": "Mono12p", "packet_bytes": packet_bytes}
+def info(width_px: int, rate_hz: float, packet_bytes: int = 1500, **link: float) -> CameraInfo:
+    record = {"pixel_format": "Mono12p", "packet_bytes": packet_bytes} | link
     return CameraInfo(
         "genicam", "a camera", width_px, 1000, 12, 1.0 / rate_hz, 0.01, 4,
         controls={"genicam": record},
@@ -107,3 +107,4 @@ def test_a_network_that_is_too_slow_for_the_frames_is_named(
     assert faults(info(1000, 50.0)) == ["packet size"]
     assert faults(info(1000, 50.0, 9000)) == []
     assert faults(info(4000, 20.0, 9000)) == ["network rate", "socket buffer"]
+    assert faults(info(1000, 100.0, 9000, link_mbit_per_s=5000.0)) == []
