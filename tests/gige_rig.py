@@ -11,7 +11,7 @@ from typing import Any
 
 from capture import CapturedSet, capture_set
 from capture.base.errors import SetRejected
-from rig import Frame, Rig, RigConfig, open_rig
+from rig import Frame, HardwareError, Rig, RigConfig, open_rig
 from rig.cameras.genicam.fake import TRIGGER_LINE, FakeGigeCamera
 from rig.simulation.camera import TRANSFER_S
 from rig.simulation.devices import DeviceSimulation
@@ -100,9 +100,9 @@ def rig_of_genicam(camera: dict[str, Any]) -> Iterator[Rig]:
 
 
 def accepted_set(rig: Rig) -> CapturedSet:
-    """A set; a busy machine delays the simulated hardware, and sets are rejected."""
+    """A set; on a busy machine the simulated hardware is late, and sets are rejected."""
     for _ in range(_ATTEMPTS):
-        with suppress(SetRejected):
+        with suppress(SetRejected, HardwareError):
             return capture_set(rig)
     return capture_set(rig)
 

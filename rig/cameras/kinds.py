@@ -60,6 +60,7 @@ CAMERA_KINDS: dict[str, CameraKind[Any]] = {
         GenicamCamera,
         list_genicam_cameras,
         ("char-usb_device",),
+        ("video",),
         faults=network_faults,
         served=FakeGigeCamera,
     ),

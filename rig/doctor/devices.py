@@ -175,7 +175,9 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
     """Check each camera of this machine, and the permission for the rig's own."""
     for camera in cameras:
         if camera.problem is not None:
-            yield Check("camera", "warning", camera.problem)
+            is_closed = camera.node is not None and not os.access(camera.node, os.R_OK | os.W_OK)
+            advice = f"install the udev rules: {_INSTALL_RULES}" * is_closed
+            yield Check("camera", "warning", camera.problem, advice)
             continue
         formats = ", ".join(camera.formats[:_MOST_FORMATS])
         more = len(camera.formats) - _MOST_FORMATS
@@ -233,7 +235,9 @@ def check_frames(camera: Camera) -> Iterator[Check]:
     if lost == 0 and corrupt == 0:
         yield Check("frames", "ok", finding)
     else:
-        advice = "give the camera its own USB port, a shorter cable, or a lower frame rate"
+        advice = (
+            "give the camera its own USB or network port, a shorter cable, or a lower frame rate"
+        )
         yield Check("frames", "warning", finding, advice)
 
 

@@ -3,6 +3,7 @@
 Aravis speaks GigE Vision and USB3 Vision itself, so that no maker's driver is needed.
 """
 
+import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from rig.errors import CameraError
 
 FRAMES_IN_SOCKET = 2
 """Frames that the kernel may hold for this program, if net.core.rmem_max allows so many bytes."""
+_CONTROL_TIMEOUT_S = 3.0
 FRAME_ID_COUNT = 65_535
 """Number of frame ids of GigE Vision 1: 16 bits, of which 0 is not used."""
 
@@ -108,6 +110,19 @@ class AravisCamera:
             if not named:
                 raise
             self._camera = call(aravis().Camera.new, named[0])
+
+    def take_control(self) -> None:
+        """Let no other program change the camera; one that lists it is done in a moment."""
+        if not self._camera.is_gv_device():  # USB admits one program
+            return
+        device, deadline_s = self._camera.get_device(), time.monotonic() + _CONTROL_TIMEOUT_S
+        while not device.is_controller():
+            try:
+                call(device.take_control)
+            except CameraError as error:
+                if time.monotonic() > deadline_s:
+                    raise CameraError("another program has the camera open; close it") from error
+                time.sleep(0.05)
 
     @property
     def name(self) -> str:

@@ -1,10 +1,10 @@
 """`FakeGigeCamera`: a GigE Vision camera of this machine with the frames of a simulated rig."""
 
 import ctypes
-import math
 import tempfile
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from typing import Any, ClassVar
 
@@ -59,6 +59,9 @@ def _pointer(instance: Any) -> int:
 # Frames later than this share of a period are skipped: a free-running camera sends a frame as
 # soon as it is read out.
 _MOST_LATE = 0.25
+# Late ones, with those that wait, until the thread must answer its client again.
+_FRAMES = 8
+_ALL = 1.0  # of the packets of a frame
 # By depth: a format, and the function that encodes an image.
 _FORMATS: dict[int, tuple[str, Callable[[Pixels], bytes]]] = {
     8: ("Mono8", lambda pixels: pixels.astype(np.uint8, copy=False).tobytes()),
@@ -78,6 +81,8 @@ class FakeGigeCamera:
 
     def __init__(self, place: str, config: CameraConfig) -> None:
         self._address = place
+        self._camera: Any = None
+        self._lost_share = 0.0
         self._period_s = 1.0 / config.frame_rate_hz
         self.bit_depth: int = config.bits if config.bits in _FORMATS else 16
         self.pixel_format, self._encoded = _FORMATS[self.bit_depth]
@@ -93,7 +98,7 @@ class FakeGigeCamera:
         with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as features:
             features.write(_features())
             features.flush()
-            self._camera: Any = library.GvFakeCamera.new_full(
+            self._camera = library.GvFakeCamera.new_full(
                 self._address, source.serial_number, features.name
             )
         if not self._camera.is_running():
@@ -105,13 +110,16 @@ class FakeGigeCamera:
 
         def fill(buffer: int, _data: int, exposure_us: int, *_: int) -> None:
             frame = None
-            while frame is None:
-                try:
-                    most_late = _MOST_LATE if self._is_open else math.inf
-                    frame = source.next_frame(most_late, exposure_us / 1e3)
-                except CameraError:  # no pulse for two periods; an old image may not be sent
-                    if not self._is_open:
-                        return
+            with suppress(CameraError):  # no pulse for two periods
+                for _attempt in range(_FRAMES):
+                    if (frame := source.next_frame(_MOST_LATE, exposure_us / 1e3)) is not None:
+                        break
+            if self._camera is None:  # it ends
+                return
+            # The buffer has an earlier image, which may not be sent again.
+            self._camera.props.gvsp_lost_ratio = _ALL if frame is None else self._lost_share
+            if frame is None:
+                return
             image = self._encoded(frame.pixels)
             payload_bytes = fake.get_payload()
             target = _c_library().arv_buffer_get_data(buffer, None)
@@ -120,7 +128,6 @@ class FakeGigeCamera:
             _c_library().arv_buffer_set_timestamp(buffer, utc_ns)
             _c_library().arv_buffer_set_frame_id(buffer, 1 + frame.number % FRAME_ID_COUNT)
 
-        self._is_open = True
         self._fill = _FILL(fill)  # kept as long as Aravis may call it
         self._fake: Any = fake
         _c_library().arv_fake_camera_set_fill_pattern(_pointer(fake), self._fill, None)
@@ -128,7 +135,7 @@ class FakeGigeCamera:
 
     def lose_packets(self, share: float) -> None:
         """Drop a share of the packets."""
-        self._camera.props.gvsp_lost_ratio = share
+        self._lost_share = share
 
     def step(self) -> None:
         """Wait for a frame period."""
@@ -143,7 +150,8 @@ class FakeGigeCamera:
 
     def close(self) -> None:
         """End the camera; a second call does nothing."""
-        self._is_open = False
+        if self._camera is not None:
+            self._camera.props.gvsp_lost_ratio = _ALL
         self._camera = None  # waits for `fill`
 
 

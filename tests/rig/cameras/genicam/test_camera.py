@@ -1,7 +1,6 @@
 """A GigE Vision camera over the loopback: Aravis simulates the camera, the rig makes its images."""
 
 import json
-import math
 import signal
 import subprocess
 import sys
@@ -9,6 +8,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from threading import Timer
 
 import numpy as np
 import pytest
@@ -19,7 +19,6 @@ from rig import CameraError, FrameFlag, Rig, RigConfig, open_rig
 from rig.cameras.genicam.aravis import AravisCamera
 from rig.cameras.genicam.fake import FakeGigeCamera
 from rig.cameras.kinds import list_cameras
-from rig.cameras.served import ServedFrame
 from rig.doctor.diagnosis import diagnose
 from rig.errors import ControlError
 from rig.latency import measure_latency, without_timing
@@ -114,6 +113,14 @@ def test_another_program_cannot_change_the_exposure(served: GigeRig) -> None:
         assert good_frame(rig, switch.acknowledged_s + 0.01).pixels.mean() > 5 * dark
 
 
+def test_a_program_that_lists_the_camera_is_waited_for(served: GigeRig) -> None:
+    closing = Timer(0.5, AravisCamera(DEVICE).close)
+    closing.start()
+    with open_rig(served.config) as rig:
+        good_frame(rig)
+    closing.join()
+
+
 # Prints the exposure start of each frame, and status 3 at the end of the stream.
 READ_FRAMES = """
 import sys
@@ -186,17 +193,14 @@ class LateFrames:
     serial_number = "SIM-0001"
     requests = 0
 
-    def next_frame(self, most_late: float, _exposure_ms: float | None = None) -> ServedFrame | None:
+    def next_frame(self, _most_late: float, _exposure_ms: float | None = None) -> None:
         time.sleep(0.02)
         self.requests += 1
         if self.requests == 1:
             raise CameraError("no frame")
-        if math.isfinite(most_late):
-            return None
-        return ServedFrame(np.zeros((64, 96), np.uint8), self.requests, time.monotonic())
 
 
-def test_a_served_camera_sends_no_image_without_a_frame_and_ends(served: GigeRig) -> None:
+def test_a_served_camera_sends_no_image_without_a_frame_and_answers(served: GigeRig) -> None:
     served.close()
     config = served.simulated.with_changes(camera={"bits": 8}).camera
     with closing(FakeGigeCamera(ADDRESS, config)) as camera:
@@ -204,6 +208,7 @@ def test_a_served_camera_sends_no_image_without_a_frame_and_ends(served: GigeRig
         with closing(AravisCamera(DEVICE)) as client:
             client.start(buffers=1)
             assert client.next_buffer(0.5) is None
+            assert client.value("Width", int) > 0
 
 
 def test_a_camera_that_restarts_is_found_again(served: GigeRig) -> None:

@@ -14,6 +14,7 @@ from rig.cameras.camera import CameraInfo
 from rig.cameras.genicam import camera as genicam_camera
 from rig.cameras.genicam.aravis import Buffer, aravis, find_devices
 from rig.cameras.genicam.camera import DeviceClock, list_genicam_cameras
+from rig.doctor.devices import RULES_FILE, check_cameras
 
 CAMERA = {"kind": "genicam", "device": "Basler-1"}
 
@@ -66,8 +67,26 @@ def test_a_stamp_is_late_by_the_least_delay_and_never_by_more(
         assert stamp_s - exposed_s == pytest.approx(least_s, abs=2e-3)
 
 
-def info(width_px: int, rate_hz: float, packet_bytes: int = 1500) -> CameraInfo:
-    record = {"pixel_format": "Mono12p", "packet_bytes": packet_bytes}
+def test_a_usb_camera_that_may_not_be_opened_is_listed_with_the_rules(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = {"bInterfaceClass": "ef", "bInterfaceSubClass": "05", "bInterfaceProtocol": "00"}
+    usb = {"busnum": "250", "devnum": "7", "serial": "S7", "product": "Blackfly S"}
+    for folder, files in (("2-1:1.0", values), ("2-1", usb), ("3-1:1.0", {})):
+        (tmp_path / folder).mkdir()
+        for name, text in files.items():
+            (tmp_path / folder / name).write_text(f"{text}\n")
+    monkeypatch.setattr(genicam_camera, "USB_DEVICES", tmp_path)
+    monkeypatch.setattr(genicam_camera, "is_installed", lambda: True)
+    monkeypatch.setattr(genicam_camera, "find_devices", list)
+    (camera,) = list_genicam_cameras()
+    (check,) = check_cameras([camera], None)
+    assert check.seen == "Blackfly S S7: you may not read and write /dev/bus/usb/250/007"
+    assert str(RULES_FILE) in check.advice
+
+
+def info(width_px: int, rate_hz: float, packet_bytes: int = 1500, **link: float) -> CameraInfo:
+    record = {"pixel_format": "Mono12p", "packet_bytes": packet_bytes} | link
     return CameraInfo(
         "genicam", "a camera", width_px, 1000, 12, 1.0 / rate_hz, 0.01, 4,
         controls={"genicam": record},
@@ -88,3 +107,4 @@ def test_a_network_that_is_too_slow_for_the_frames_is_named(
     assert faults(info(1000, 50.0)) == ["packet size"]
     assert faults(info(1000, 50.0, 9000)) == []
     assert faults(info(4000, 20.0, 9000)) == ["network rate", "socket buffer"]
+    assert faults(info(1000, 100.0, 9000, link_mbit_per_s=5000.0)) == []
