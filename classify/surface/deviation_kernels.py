@@ -6,10 +6,13 @@ from classify.base.compiling import Array, kernel, kernel_part
 from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT
 
 Numbers = tuple[np.float32, ...]
-# Ambient value, saturation, noise a, b, black, `_pixel`, and the factor on slopes of lobes.
-Scene = tuple[np.float32, np.float32, Numbers, Numbers, np.float32]
-# Of all lights: M V M^T and M V nul; gloss; residuals; the darkest light. See `_add_light`.
-Sums = tuple[Numbers, Numbers, Numbers, Numbers, Numbers]
+# Constants of the lights, each those of `_add_light`: a tuple of eight or fewer, whose loops the
+# compiler unrolls and vectorises, or an array.
+Lights = tuple[Numbers, ...] | Array
+# Ambient value, saturation, noise a, b, black, and `_pixel`.
+Scene = tuple[np.float32, np.float32, Numbers, Numbers]
+# Of all lights: M V M^T and M V nul; residuals; the darkest light. See `_add_light`.
+Sums = tuple[Numbers, Numbers, Numbers, Numbers]
 
 # A residual whose square exceeds this multiple of that of the pixels around is an error of its own:
 # one normal residual in 370 does.
@@ -29,98 +32,105 @@ DEGREES = np.float32(180.0 / np.pi)
 
 @kernel
 def propagate_errors(
-    images: Array, ambient: Array, raw: Array, lights: Array, corrections: Array, common: Array,
-    strengths: Array | None, noise: Array, number: int, saturation: np.float32, leaves_out: bool,
-    flatter: np.float32, plane: Array, x: Array, y: Array,
+    images: Array, ambient: Array, raw: Array | None, lights: Lights, corrections: Array,
+    common: Array, noise: Array, saturation: np.float32, leaves_out: bool,
+    plane: Array, x: Array, y: Array,
     p: Array, q: Array, albedo: Array, dropped: Array, model: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
-    """Write the deviations of some rows.
+    """Write the deviations of some rows, without gloss.
 
-    `lights` (N, 10) are the constants of `_add_light`: of `number` lights, and 0 up to four or
-    eight; `corrections` (4, 3) are the columns of pinv / nul, and `common` (2, 6) the covariances
-    of b from errors of variance 1 of each image, and of one error in all images. Where a light
-    was left out, lobes are those of slopes times `flatter`.
+    `raw` are the pixel values before they were divided, None if they were not; `corrections`
+    (4, 3) the columns of pinv / nul, and `common` (2, 6) the covariances of b from errors of
+    variance 1 of each image, and of one error in all images.
     """
     shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
-    last = len(lights) - 4
-    first_four, last_four = _four(lights, 0), _four(lights, last)
-    covariances, without = (_six(common[0]), _six(common[1])), (
-        _three(corrections[0]), _three(corrections[1]), _three(corrections[2]),
-        _three(corrections[3]),
-    )  # fmt: skip
-    frame = (np.float32(number), np.float32(len(ambient) > 1), lights[0, 0])
+    covariances, without = (_six(common[0]), _six(common[1])), _four(corrections)
     zero, one = np.float32(0.0), np.float32(1.0)
+    number = np.float32(len(lights))
+    shares = (one / number, one / max(number - np.float32(3.0), one))
+    frame = (number, np.float32(len(ambient) > 1), lights[0][0])
     no_sums = (
-        (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero, zero),
-        (zero, zero, zero), (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
+        (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero),
+        (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
     )  # fmt: skip
     rows, columns = p.shape
     for r in range(rows):
         dark_row = ambient[min(r, len(ambient) - 1)]
-        # Loops without branches, as in `robust`: else the compiler does not vectorise them.
-        for c in range(columns if last == 0 else 0):
+        for c in range(columns):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            scene = (dark_row[c], saturation, sensor, pixel, factor)
-            sums = _add_four(0, images, raw, r, c, scene, first_four, strengths, no_sums)
-            p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
-                scene, sums, frame, leaves_out, covariances, without, strengths,
-                np.float32(dropped[r, c]), model[r, c],
-            )  # fmt: skip
-        for c in range(columns if last == 4 else 0):
-            pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            scene = (dark_row[c], saturation, sensor, pixel, factor)
-            sums = _add_four(0, images, raw, r, c, scene, first_four, strengths, no_sums)
-            sums = _add_four(4, images, raw, r, c, scene, last_four, strengths, sums)
-            p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
-                scene, sums, frame, leaves_out, covariances, without, strengths,
-                np.float32(dropped[r, c]), model[r, c],
-            )  # fmt: skip
-        for c in range(columns if last > 4 else 0):
-            pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            scene = (dark_row[c], saturation, sensor, pixel, factor)
+            scene = (dark_row[c], saturation, sensor, pixel)
             sums = no_sums
             for k in range(len(lights)):
+                value = None if raw is None else raw[k, r, c]
                 sums = _add_light(
-                    np.float32(k), images[k, r, c], raw[k, r, c], scene, _light(lights[k]),
-                    strengths, sums,
-                )  # fmt: skip
+                    np.float32(k), images[k, r, c], value, scene, _light(lights[k]), sums
+                )
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
-                scene, sums, frame, leaves_out, covariances, without, strengths,
+                scene, sums, frame, shares, leaves_out, covariances, without,
                 np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
 
 
-@kernel_part
-def _four(lights: Array, k: int) -> tuple[Numbers, Numbers, Numbers, Numbers]:
-    return _light(lights[k]), _light(lights[k + 1]), _light(lights[k + 2]), _light(lights[k + 3])
+@kernel
+def widen_by_gloss(
+    lights: Lights, corrections: Array, strengths: Array, flatter: np.float32, plane: Array,
+    x: Array, y: Array, p: Array, q: Array, albedo: Array, dropped: Array,
+    p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
+) -> None:  # fmt: skip
+    """Widen the deviations of some rows by the lobes of gloss, as biases.
+
+    The surface without the lobes of the measured slopes is found first, then that without the
+    lobes of the mean slopes of both. Where a light was left out, `flatter` times the measured
+    slopes take their place.
+    """
+    shear, without = (plane[0], plane[1], plane[2]), _four(corrections)
+    half, one = np.float32(0.5), np.float32(1.0)
+    rows, columns = p.shape
+    for r in range(rows):
+        for c in range(columns):
+            pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
+            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            column = _column(np.float32(dropped[r, c]), without)
+            u, v = factor * p[r, c], factor * q[r, c]
+            matt_p, matt_q, _, _ = _matt(lights, strengths, pixel, column, u, v)
+            u, v = half * (u + matt_p), half * (v + matt_q)
+            matt_p, matt_q, matt_albedo, matt_nz = _matt(lights, strengths, pixel, column, u, v)
+            dp, dq = p[r, c] - matt_p, q[r, c] - matt_q
+            across = p[r, c] * matt_q - q[r, c] * matt_p
+            sine = np.sqrt(dp * dp + dq * dq + across * across) * matt_nz * pixel[2]
+            p_sd[r, c], q_sd[r, c] = _with_bias(dp, p_sd[r, c]), _with_bias(dq, q_sd[r, c])
+            albedo_sd[r, c] = _with_bias(albedo[r, c] - matt_albedo, albedo_sd[r, c])
+            angle_sd[r, c] = _with_bias(DEGREES * sine, angle_sd[r, c])
 
 
 @kernel_part
-def _add_four(
-    k: int, images: Array, raw: Array, r: int, c: int, scene: Scene,
-    lights: tuple[Numbers, Numbers, Numbers, Numbers], strengths: Array | None, sums: Sums,
-) -> Sums:  # fmt: skip
-    """Add four lights from `k` on, of which some may be padding."""
-    most = len(images) - 1
-    k0, k1, k2, k3 = min(k, most), min(k + 1, most), min(k + 2, most), min(k + 3, most)
-    first, second, third, fourth = lights
-    sums = _add_light(
-        np.float32(k0), images[k0, r, c], raw[k0, r, c], scene, first, strengths, sums
-    )
-    sums = _add_light(
-        np.float32(k1), images[k1, r, c], raw[k1, r, c], scene, second, strengths, sums
-    )
-    sums = _add_light(
-        np.float32(k2), images[k2, r, c], raw[k2, r, c], scene, third, strengths, sums
-    )
-    total: Sums = _add_light(
-        np.float32(k3), images[k3, r, c], raw[k3, r, c], scene, fourth, strengths, sums
-    )
-    return total
+def _matt(
+    lights: Lights, strengths: Array, pixel: Numbers, column: Numbers, u: np.float32, v: np.float32
+) -> Numbers:
+    """Slopes, albedo and n_z without the lobes of the slopes u and v."""
+    p, q, _, scale, x, y, _, _, _, cx, cy, cz = pixel
+    zero = np.float32(0.0)
+    gx, gy, gz, g = zero, zero, zero, zero
+    squared_nz = np.float32(1.0) / (np.float32(1.0) + u * u + v * v)
+    for k in range(len(lights)):
+        _, lx, ly, lz, mx, my, mz, nul, _, inverse_distance = _light(lights[k])
+        tx, ty = lx - inverse_distance * x, ly - inverse_distance * y
+        lobe = _lobe(tx, ty, lz, u, v, squared_nz, strengths)
+        gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
+    gx, gy, gz = gx - g * column[0], gy - g * column[1], gz - g * column[2]
+    inner = gx * x + gy * y
+    bz = max(scale - gz - inner * cz, np.float32(0.1) * scale)
+    inverse = np.float32(1.0) / bz
+    matt_p = (scale * p + gx + inner * cx) * inverse
+    matt_q = (scale * q + gy + inner * cy) * inverse
+    root = np.sqrt(np.float32(1.0) + matt_p * matt_p + matt_q * matt_q)
+    return matt_p, matt_q, bz * root, np.float32(1.0) / root
+
+
+@kernel_part
+def _four(columns: Array) -> tuple[Numbers, ...]:
+    return _three(columns[0]), _three(columns[1]), _three(columns[2]), _three(columns[3])
 
 
 @kernel_part
@@ -160,46 +170,43 @@ def _pixel(
 
 @kernel_part
 def _add_light(
-    index: np.float32, image: np.float32, raw: np.float32, scene: Scene, light: Numbers,
-    strengths: Array | None, sums: Sums,
+    index: np.float32, image: np.float32, raw: np.float32 | None, scene: Scene, light: Numbers,
+    sums: Sums,
 ) -> Sums:  # fmt: skip
     """Add a light with the column M of the pseudo-inverse; a saturated light is the darkest."""
-    dark, saturation, (a, b, black), pixel, factor = scene
+    dark, saturation, (a, b, black), pixel = scene
     gain, lx, ly, lz, mx, my, mz, nul, spare, _ = light
-    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
+    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
     energy, expected, total = residuals
     high, second, low, lost = darkness
-    zero, one = np.float32(0.0), np.float32(1.0)
-    value, whole = image - dark, raw - dark
-    ratio = gain * (value / whole if whole * whole > KNOWN * a else one)
-    v = gain * value
-    variance = ratio * ratio * (a + b * max(raw - black, zero))
+    v = gain * (image - dark)
+    if raw is None:
+        pixel_value, ratio = image, gain
+    else:
+        pixel_value, whole = raw, raw - dark
+        ratio = gain * ((image - dark) / whole if whole * whole > KNOWN * a else np.float32(1.0))
+    variance = ratio * ratio * (a + b * max(pixel_value - black, np.float32(0.0)))
     vx, vy, vz, vn = mx * variance, my * variance, mz * variance, nul * variance
     error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
-    level = (v if raw < saturation else -one) if gain > zero else np.float32(np.inf)
-    if strengths is not None:
-        lobe = _lobe(light, pixel, factor, strengths)
-        gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
+    level = v if pixel_value < saturation else -np.float32(1.0)
     return (
         (xx + vx * mx, xy + vx * my, xz + vx * mz, yy + vy * my, yz + vy * mz, zz + vz * mz),
         (dx + vn * mx, dy + vn * my, dz + vn * mz, d + vn * nul),
-        (gx, gy, gz, g),
         (energy + error * error, expected + spare * variance, total + v),
         (max(high, v), max(second, min(high, v)), min(low, level), index if level < low else lost),
     )  # fmt: skip
 
 
 @kernel_part
-def _lobe(light: Numbers, pixel: Numbers, factor: np.float32, strengths: Array) -> np.float32:
-    """Light of the lobes of gloss: see `uncertainty._lobes`."""
-    _, lx, ly, lz, _, _, _, _, _, inverse_distance = light
-    p, q, _, _, x, y, _, _, _, _, _, _ = pixel
-    p, q = factor * p, factor * q
-    nz = np.float32(1.0) / np.sqrt(np.float32(1.0) + p * p + q * q)
-    tx, ty = lx - inverse_distance * x, ly - inverse_distance * y
-    tz = lz + np.sqrt(tx * tx + ty * ty + lz * lz)
-    cosine = max((tz - tx * p - ty * q) * nz, np.float32(0.0))
-    power = cosine * cosine / (tx * tx + ty * ty + tz * tz)
+def _lobe(
+    tx: np.float32, ty: np.float32, lz: np.float32, p: np.float32, q: np.float32,
+    squared_nz: np.float32, strengths: Array,
+) -> np.float32:  # fmt: skip
+    """Light of the lobes of gloss from the direction (tx, ty, lz): see `uncertainty._lobes`."""
+    square = tx * tx + ty * ty
+    tz = lz + np.sqrt(square + lz * lz)
+    cosine = max(tz - tx * p - ty * q, np.float32(0.0))
+    power = cosine * cosine * squared_nz * (np.float32(1.0) / (square + tz * tz))
     power *= power
     power *= power
     lobe = strengths[0] * power
@@ -214,13 +221,14 @@ def _lobe(light: Numbers, pixel: Numbers, factor: np.float32, strengths: Array) 
 
 @kernel_part
 def _deviations(
-    scene: Scene, sums: Sums, frame: Numbers, leaves_out: bool, covariances: tuple[Numbers, ...],
-    without: tuple[Numbers, ...], strengths: Array | None, dropped: np.float32, share: np.float32,
+    scene: Scene, sums: Sums, frame: Numbers, shares: Numbers, leaves_out: bool,
+    covariances: tuple[Numbers, ...], without: tuple[Numbers, ...],
+    dropped: np.float32, share: np.float32,
 ) -> Numbers:  # fmt: skip
     """Deviations of p, q, albedo and the normal."""
-    dark, _, (a, b, black), pixel, _ = scene
+    dark, _, (a, b, black), pixel = scene
     p, q, nz, scale, x, y, _, _, _, cx, cy, cz = pixel
-    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
+    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
     energy, expected, total = residuals
     high, second, low, darkest = darkness
     number, has_ambient, gain = frame
@@ -233,9 +241,10 @@ def _deviations(
     is_dark = low <= max(min(noise, half * high), LEAK * second)
     is_found = (dropped == none) & is_dark & (leaves_out | (number == np.float32(4.0)))
     lost = darkest if is_found else dropped
-    mean, freedom = total / number, max(number - np.float32(3.0), one)
-    model, own = share * mean * mean, energy / freedom
-    is_own = (lost == none) & (own > OWN * (model + expected / freedom))
+    of_each, of_freedom = shares
+    mean = total * of_each
+    model, own = share * mean * mean, energy * of_freedom
+    is_own = (lost == none) & (own > OWN * (model + expected * of_freedom))
     model += own if is_own else zero
     # Covariance of b. Without light k the solution is M - L+[:, k] nul^T / nul_k; if k is in shadow
     # and used, its error is r / nul_k.
@@ -263,18 +272,10 @@ def _deviations(
     # The angle between normals is (e dp^2 - 2 f dp dq + g dq^2)^0.5 / w^2.
     e, f, h = one + q * q, p * q, one + p * p
     trace = half * (e * vp + h * vq) - f * vpq
-    determinant = (vp * vq - vpq * vpq) / (nz * nz)
+    determinant = (vp * vq - vpq * vpq) * (e + p * p)
     spread = np.sqrt(max(trace * trace - determinant, zero))
     angle = np.sqrt(max(trace + spread + SECOND_AXIS * (trace - spread), zero))
     sp, sq, sr = np.sqrt(vp), np.sqrt(vq), np.sqrt(max(vr, zero))
-    if strengths is not None:
-        g *= left_out
-        gx, gy, gz = gx - g * tx, gy - g * ty, gz - g * tz
-        gp, gq = px * gx + py * gy + p * gz, qx * gx + qy * gy + q * gz
-        bias = e * gp * gp - (f + f) * gp * gq + h * gq * gq
-        angle = _with_bias(np.sqrt(max(bias, zero)), angle)
-        sp, sq = _with_bias(gp, sp), _with_bias(gq, sq)
-        sr = _with_bias(nx * gx + ny * gy + gz, sr)
     inverse = one / scale
     return sp * inverse, sq * inverse, sr * nz, DEGREES * angle * inverse * nz * nz
 
@@ -305,8 +306,8 @@ def write_completed(
 ) -> None:  # fmt: skip
     """Write the deviations of completed slopes at these flat indices.
 
-    Their variance is the mean squared step around, times one more than the distance to a solved
-    pixel; 1 where none is within `_FARTHEST_PX`.
+    Their deviation is the rms step around, times the distance to a solved pixel; 1 where none is
+    within `_FARTHEST_PX`.
     """
     rows, columns = p.shape
     for pixel in pixels:
@@ -330,7 +331,7 @@ def write_completed(
             if count:
                 break
         # Half of it is the variance of p, half that of q.
-        variance = total * np.float32(1 + distance) / np.float32(2 * count) if count else 1.0
+        variance = total * np.float32(distance**2) / np.float32(2 * count) if count else 1.0
         deviation = np.sqrt(np.float32(variance))
         square = np.float32(1.0) + p[y, x] * p[y, x] + q[y, x] * q[y, x]
         p_sd[y, x] = q_sd[y, x] = deviation

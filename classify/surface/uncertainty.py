@@ -19,7 +19,16 @@ from classify.lighting import Lighting
 from classify.lights.near_light import Shear, middle_px
 from classify.shadow_rule import MAYBE_SHADOW, NO_DROPPED_LIGHT
 
-from .deviation_kernels import FIRST_POWER, KNOWN, OWN, POWERS, propagate_errors, write_completed
+from .deviation_kernels import (
+    FIRST_POWER,
+    KNOWN,
+    OWN,
+    POWERS,
+    Lights,
+    propagate_errors,
+    widen_by_gloss,
+    write_completed,
+)
 from .estimate import SurfaceEstimate
 
 # Pixels whose residuals give the model error, on a grid; it is blurred by this many grid steps, so
@@ -32,8 +41,9 @@ _CHANCE = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR
 _OF_FRAME = np.float32(1e-3)
 _TINY = np.float32(1e-30)
 # Gloss makes solved slopes too steep. Where a light was left out there is no residual to correct
-# them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
-_FLATTER = np.float32(0.55)
+# them, and the lobe is first that of the slope times this factor (`tests.evidence.uncertainty`).
+_FLATTER = np.float32(0.3)
+_MOST_UNROLLED = 8  # lights; loops over more take long to compile
 # A lobe must explain residuals by as many standard deviations; one that explains this share of what
 # the best explains is as likely.
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
@@ -53,11 +63,12 @@ def with_deviations(
     gains = 1.0 / ((surface.full_scale or 1.0) * lighting.intensities)
     solution = _Solution(surface, stack, taken, gains.astype(np.float32), variance)
     shares, strengths = _model_errors(solution)
+    lobes = strengths.astype(np.float32)
     model = cv2.resize(shares, shape[::-1], interpolation=cv2.INTER_LINEAR)
     maps = np.empty((4, *shape), np.float32)
-    shear, constants = Shear.of(lighting), _constants(lighting, gains)
+    plane = Shear.of(lighting).plane
+    lights, corrections, common = _constants(lighting, gains)
     x, y = middle_px(shape[1]), -middle_px(shape[0])
-    lobes = strengths.astype(np.float32) if strengths.any() else None
     saturation = np.float32(surface.full_scale or np.inf)
     leaves_out = surface.method != "least_squares"
     flatter = _FLATTER if surface.method == "ps4_robust" else np.float32(1.0)
@@ -66,12 +77,15 @@ def with_deviations(
         rows = slice(first, last)
         images, dark = stack.float_rows(first, last)
         dropped = np.ascontiguousarray(surface.dropped[rows])  # the same everywhere: one number
-        raw = images if taken is stack else taken.images[:, rows].astype(np.float32)
+        raw = None if taken is stack else taken.images[:, rows].astype(np.float32)
+        where, written = (plane, x, y[rows]), maps[:, rows]
+        slopes = (surface.p[rows], surface.q[rows], surface.albedo[rows], dropped)
         propagate_errors(
-            images, dark, raw, *constants, lobes, variance, len(lighting), saturation, leaves_out,
-            flatter, shear.plane, x, y[rows], surface.p[rows], surface.q[rows],
-            surface.albedo[rows], dropped, model[rows], *maps[:, rows],
+            images, dark, raw, lights, corrections, common, variance, saturation, leaves_out,
+            *where, *slopes, model[rows], *written,
         )  # fmt: skip
+        if lobes.any():
+            widen_by_gloss(lights, corrections, lobes, flatter, *where, *slopes, *written)
 
     run_on_rows(propagate, shape, STRIP_PX // 2)
     if surface.repaired is not None:
@@ -109,23 +123,30 @@ class _Solution:
         return values * gains, variances
 
 
-def _constants(lighting: Lighting, gains: Floats) -> tuple[FloatMap, FloatMap, FloatMap]:
+def _constants(lighting: Lighting, gains: Floats) -> tuple[Lights, FloatMap, FloatMap]:
     """`lights`, `corrections` and `common` of `propagate_errors`."""
-    directions, count = lighting.directions, len(lighting)
-    pinv, inverse_distances = np.linalg.pinv(directions), Shear.of(lighting).inverse_distances
+    count, inverse_distances = len(lighting), Shear.of(lighting).inverse_distances
+    directions = _significant(lighting.directions)
+    pinv = _significant(np.linalg.pinv(directions))
     null, corrections = np.zeros(count), np.zeros((4, 3))
     if count == 4:
-        null = np.linalg.svd(directions.T)[2][3]
+        null = _significant(np.linalg.svd(directions.T)[2][3])
         corrections = pinv.T / null[:, None]
     spare = 1.0 - np.sum(directions * pinv.T, axis=1)  # share of an error that is in the residuals
-    lights = np.column_stack([gains, directions, pinv.T, null, spare, inverse_distances])
+    columns = (gains, directions, pinv.T, null, spare, inverse_distances)
+    lights: Lights = np.column_stack(columns).astype(np.float32)
+    if count <= _MOST_UNROLLED:
+        lights = tuple(tuple(light) for light in lights)
     upper, even = np.triu_indices(3), pinv @ gains
-    common = np.stack([(pinv @ pinv.T)[upper], np.outer(even, even)[upper]])
-    return (
-        np.pad(lights, ((0, max((4 if count < 5 else 8) - count, 0)), (0, 0))).astype(np.float32),
-        corrections.astype(np.float32),
-        common.astype(np.float32),
-    )
+    common = np.stack([
+        _significant(each)[upper] for each in (pinv @ pinv.T, np.outer(even, even))
+    ])  # fmt: skip
+    return lights, corrections.astype(np.float32), common.astype(np.float32)
+
+
+def _significant(values: Array) -> Floats:
+    """Replace residues of rounding by 0: kernels are slow with subnormal products."""
+    return np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
 
 
 def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
@@ -202,7 +223,8 @@ def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
     """Strengths of the lobes that explain residuals best; 0 if none does.
 
     `shapes` (powers, N, n) are the residuals of the lobes. Of lobes that explain as much, the mean
-    of the sharper half is taken: a broad lobe is hardly told from a matt surface.
+    of the sharper half is taken: a broad lobe is hardly told from a matt surface. If one explains
+    most, its exponent lies between two powers: the sum with the next sharper one is fitted.
     """
     products = (weights * (shapes * residuals).sum(axis=1)).sum(axis=1)
     squares = (weights * np.square(shapes).sum(axis=1)).sum(axis=1)
@@ -212,4 +234,10 @@ def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
         likely = np.flatnonzero(gains >= _AS_LIKELY * gains.max())
         chosen = likely[len(likely) // 2 :]
         strengths[chosen] = products[chosen] / squares[chosen] / len(chosen)
+        pair = chosen[0] + np.arange(2)
+        if len(chosen) == 1 and pair[1] < POWERS:
+            normal = np.einsum("akn,bkn,n->ab", shapes[pair], shapes[pair], weights)
+            both = np.linalg.solve(normal, products[pair])
+            if both.min() > 0.0:
+                strengths[pair] = both
     return strengths

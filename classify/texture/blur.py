@@ -38,10 +38,11 @@ EXTRAPOLATION = KNOTS_PX2[1] / KNOTS_PX2[0]
 
 # Variances of the points between which the difference of a test and a reference is linear.
 _POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
-# Penalty on a squared distance per px^2 of blur. It grows in frames below `_SUFFICIENT_PX` squared,
-# where textures scatter as much as blur changes them: see "Focus" in classify/DECISIONS.md.
-_PENALTY = 0.1
-_AREA_POWER = 1.5
+# Penalty on a squared distance per px^2 of blur, by which unknown surfaces come nearer. It grows in
+# frames below `_SUFFICIENT_PX` squared, where textures scatter as much as blur changes them: see
+# "Focus" in classify/DECISIONS.md.
+_PENALTY = 0.3
+_AREA_POWER = 0.7
 _SUFFICIENT_PX = 256
 
 
