@@ -31,6 +31,8 @@ _CHANCE = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR
 # Weight of the residuals of the whole frame beside those around, for places without any.
 _OF_FRAME = np.float32(1e-3)
 _TINY = np.float32(1e-30)
+# z of a light that pads four or eight: it has a direction, and its error vanishes beside the noise.
+_TINY_Z = 1e-9
 # Gloss makes solved slopes too steep. Where a light was left out there is no residual to correct
 # them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
 _FLATTER = np.float32(0.55)
@@ -119,10 +121,12 @@ def _constants(lighting: Lighting, gains: Floats) -> tuple[FloatMap, FloatMap, F
         corrections = pinv.T / null[:, None]
     spare = 1.0 - np.sum(directions * pinv.T, axis=1)  # share of an error that is in the residuals
     lights = np.column_stack([gains, directions, pinv.T, null, spare, inverse_distances])
+    lights = np.pad(lights, ((0, max((4 if count < 5 else 8) - count, 0)), (0, 0)))
+    lights[count:, 3] = _TINY_Z
     upper, even = np.triu_indices(3), pinv @ gains
     common = np.stack([(pinv @ pinv.T)[upper], np.outer(even, even)[upper]])
     return (
-        np.pad(lights, ((0, max((4 if count < 5 else 8) - count, 0)), (0, 0))).astype(np.float32),
+        lights.astype(np.float32),
         corrections.astype(np.float32),
         common.astype(np.float32),
     )
