@@ -226,6 +226,18 @@ def test_without_a_terminal_nobody_is_asked(refused: Refused, plan: Path) -> Non
     assert "folder of a session" in refused("session", "resume", plan.parent, "--yes")
 
 
+def test_a_session_without_its_journal_names_the_command_that_makes_it(
+    ps4rig: Command, refused: Refused, plan: Path
+) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    (plan.parent / "fabrics" / "journal.json").unlink()
+    for command in (("status",), ("resume", "--yes")):
+        message = refused("session", *command, plan.parent / "fabrics")
+        assert "journal.json is missing; ps4rig session run PLAN" in message
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    assert ps4rig("session", "status", plan.parent / "fabrics").exit_code == 0
+
+
 def test_a_run_needs_room_for_the_missing_sets_only(
     ps4rig: Command, plan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
