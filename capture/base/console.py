@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _UNLIMITED_WIDTH = 100_000  # columns of a terminal on which no table is wrapped
-_LINE_WIDTH, _LEAST_PROSE = 80, 12
+_LINE_WIDTH, _LEAST_PROSE = 80, 40
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")

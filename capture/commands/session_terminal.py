@@ -75,7 +75,7 @@ class SessionTerminal:
         """Show an event, and log it."""
         match event:
             case events.SetCaptured(entry):
-                self._say(_line_of(entry))
+                self._say(line_of(entry))
                 if self._view is not None:
                     self._view.captured(entry)
                 self._bar.advance(self._task)
@@ -154,7 +154,8 @@ class SessionTerminal:
             out.print(line)
 
 
-def _line_of(entry: SetEntry) -> str:
+def line_of(entry: SetEntry) -> str:
+    """Return what the terminal shows of a set that was captured."""
     measures = entry.measures
     if measures is None:
         return f"{entry.file}: captured"
@@ -165,9 +166,9 @@ def _line_of(entry: SetEntry) -> str:
         f"shadow {measures.shadowed:.1%}",
     ]
     if measures.estimated_deg is not None:
-        phrases.append(f"at {measures.estimated_deg:.1f} degrees")
+        phrases.append(f"at {measures.estimated_deg:z.1f} degrees")
     if measures.blur_px is not None:
-        phrases.append(f"focus {round(-measures.blur_px, 1) + 0.0:+.1f} px")
+        phrases.append(f"focus {-measures.blur_px:+z.1f} px")
     return ", ".join([*phrases, *measures.warnings])
 
 

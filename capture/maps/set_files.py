@@ -41,6 +41,8 @@ def write_light_folder(captured: CapturedSet, folder: Path) -> str:
         (temporary / EXPORTED_METADATA).write_text(
             captured.metadata.model_dump_json(indent=1), encoding="utf-8"
         )
+    if captured.metadata.mm_per_px is not None:
+        options += ["--mm-per-px", str(captured.metadata.mm_per_px)]
     return shlex.join([*options, "--bits", str(captured.metadata.full_scale.bit_length())])
 
 

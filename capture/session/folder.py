@@ -322,6 +322,11 @@ class SessionFolder:
 def read_session(path: Path) -> SessionFolder:
     """Read a session without locking it; to write, use `session_folder`."""
     if not (path / JOURNAL).is_file():
+        if (path / PLAN).is_file() and _lacks_its_journal(path):
+            raise InputError(
+                f"{path}: {JOURNAL} is missing; ps4rig session run PLAN, with the plan beside the "
+                "folder, makes it again from the sets"
+            )
         raise InputError(f"{path}: not the folder of a session; ps4rig session run PLAN makes one")
     return SessionFolder(path)
 

@@ -7,6 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal, cast, get_args
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -37,6 +38,8 @@ _MAX_METADATA_BYTES = 1 << 24
 DNG = ".dng"
 # Depths of sensors, of which one is guessed for files of 16 bits.
 _DEPTHS = (8, 10, 12, 14, 16)
+# The lights of microscopes and copy stands have slants of 10 degrees and more.
+_SMALL_SLANT_DEG = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +69,7 @@ def read_photographs(
         raise InputError("a DNG is linear and states its depth; leave out --gamma and --bits")
     frames, metadata = _read_alike(paths)
     stated = [file.response for file in metadata]
-    response, source, warnings = _response(paths, stated, frames[0].dtype == np.uint8, gamma)
+    response, source, warnings = _response(paths, stated, frames[0], gamma)
     images = [_cropped(frame, crop) for frame in frames]
     bit_depth, full_scale, largest = (16, 65535, None) if raw else _depth(images, bits)
     if response == "srgb" or any(image.ndim == 3 for image in images):
@@ -83,7 +86,7 @@ def read_photographs(
 
 
 def _response(
-    paths: Sequence[Path], stated: Sequence[str | None], has_8_bits: bool, gamma: Gamma | None
+    paths: Sequence[Path], stated: Sequence[str | None], frame: Array, gamma: Gamma | None
 ) -> tuple[Gamma, _GammaSource, tuple[str, ...]]:
     """Return the response to undo, its source and warnings about it."""
     if gamma is not None:
@@ -112,9 +115,10 @@ def _response(
             f"{paths[0]}: states {first}; save it with a linear or sRGB response, or give "
             "--gamma linear or --gamma srgb to read it as that"
         )
-    if not has_8_bits:
+    if frame.dtype != np.uint8 and frame.ndim == 2:
         return "linear", "assumed", ()
-    text = "the photographs have 8 bits and do not state their response: read as linear; "
+    kind = "have 8 bits" if frame.dtype == np.uint8 else "are in colour"
+    text = f"the photographs {kind} and do not state their response: read as linear; "
     return "linear", "assumed", (f"{text}--gamma srgb or --gamma linear states it",)
 
 
@@ -278,7 +282,10 @@ def import_images(
     if label is not None:
         checked_label(label)
     if len(paths) != len(lighting):
-        raise InputError(f"{len(paths)} images for {len(lighting)} lights; give one image each")
+        raise InputError(
+            f"{len(paths)} images for {len(lighting)} lights; give one image each, in a file of "
+            "its own, and the lights of these images by --tilts or --lights"
+        )
     require_solvable(lighting)
     files = [*paths, *(() if ambient is None else (ambient,))]
     photographs = read_photographs(files, gamma=gamma, bits=bits, crop=crop)
@@ -324,6 +331,8 @@ def import_images(
             *warnings,
             *photographs.warnings,
             *_about_depth(photographs),
+            *_about_slants(lighting),
+            *_about_outline(mask, part),
             *(finding.text for finding in findings),
         ),
         accepted=tuple(dict.fromkeys(finding.cause for finding in findings if finding.refutes)),
@@ -338,6 +347,28 @@ def _about_depth(photographs: Photographs) -> list[str]:
         return []
     text = f"the data are taken for {photographs.bit_depth} bits, because the largest value is"
     return [f"{text} {photographs.largest}; --bits N sets another depth"]
+
+
+def _about_slants(lighting: Lighting) -> list[str]:
+    largest_deg = float(lighting.slants_deg.max())
+    if largest_deg > _SMALL_SLANT_DEG:
+        return []
+    text = f"all lights stand within {largest_deg:.3g} degrees of the camera's axis, so that slopes"
+    return [f"{text} are poorly known; slants are degrees, not radians"]
+
+
+def _about_outline(path: Path | None, mask: BoolArray | None) -> list[str]:
+    """Warn of a mask that encloses more black than it has white."""
+    if path is None or mask is None:
+        return []
+    black = cv2.connectedComponents(
+        np.pad(~mask, 1, constant_values=True).view(np.uint8), connectivity=4
+    )[1]
+    enclosed = float((black[1:-1, 1:-1] > black[0, 0]).mean())
+    if enclosed <= mask.mean():
+        return []
+    text = f"{path.name}: the mask is white on {mask.mean():.1%} of the image and encloses"
+    return [f"{text} {enclosed:.1%} that is black; fill the outline if the part is inside"]
 
 
 def _is_simulated(folder: Path) -> bool:

@@ -45,8 +45,9 @@ def diagnose(
         advice = "ps4rig rig init writes one with all keys"
         yield Check("configuration", "fault", str(error), advice)
     else:
-        lights = "simulated" if config.is_simulated else f"lights at {config.lights.port}"
-        yield Check("configuration", "ok", f"{config.name}: {lights}, camera {config.camera.kind}")
+        lights = "simulated" if config.is_simulated else f"at {config.lights.port}"
+        seen = f"rig name {config.name!r}, lights {lights}, camera {config.camera.kind}"
+        yield Check("configuration", "ok", seen)
     yield from collected(
         "serial ports",
         lambda: check_ports(list_serial_ports(), config is not None and config.is_simulated),

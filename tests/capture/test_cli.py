@@ -68,6 +68,14 @@ def test_a_table_is_alike_on_every_terminal_and_in_a_pipe(run_python: Command, p
     assert all(len(line) <= 80 for line in table.splitlines()) == (len(path) < 80)
 
 
+def test_prose_beside_wide_columns_has_forty_characters_a_line(run_python: Command) -> None:
+    program = _TABLE.replace("REASON", repr(_REASON)).replace("PATH", repr("a" * 70))
+    _, _, head, _, first, *more = run_python(program).splitlines()
+    lines = [line[head.index("reason") :].strip() for line in (first, *more[:-2])]
+    assert max(map(len, lines)) <= 40
+    assert len(lines) <= 3
+
+
 def test_a_long_line_is_not_broken(run_python: Command) -> None:
     line = "word " * 60 + "end"
     assert run_python(f"from capture.base.console import out; out.print({line!r})") == line + "\n"

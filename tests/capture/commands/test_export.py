@@ -3,6 +3,7 @@
 import json
 import shlex
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -39,19 +40,24 @@ def test_a_folder_of_images_comes_back_with_the_same_pixels(
 
 
 @pytest.mark.usefixtures("in_folder")
-def test_a_masked_set_comes_back_with_its_mask(
+def test_a_masked_set_comes_back_with_its_mask_and_scale(
     ps4rig: Command, made_set: Callable[..., CapturedSet]
 ) -> None:
     rng = np.random.default_rng(1)
     pixels = rng.integers(500, 3000, (4, 40, 50)).astype(np.uint16)
     mask = np.zeros((40, 50), np.bool_)
     mask[10:30, 5:45] = True
-    made_set(pixels, mask=mask).save("masked.ome.tif")
+    masked = made_set(pixels, mask=mask)
+    replace(masked, metadata=masked.metadata.model_copy(update={"mm_per_px": 0.05})).save(
+        "masked.ome.tif"
+    )
     answer = json.loads(ps4rig("export", "masked.ome.tif", "images", "--json").stdout)
     options = shlex.split(answer["import_options"])
     accepted = ("--accept", "residual", "--accept", "light-order")
     assert ps4rig("import", *options, *accepted, "back.ome.tif").exit_code == 0
-    np.testing.assert_array_equal(CapturedSet.load("back.ome.tif").mask, mask)
+    back = CapturedSet.load("back.ome.tif")
+    np.testing.assert_array_equal(back.mask, mask)
+    assert back.metadata.mm_per_px == 0.05
 
 
 def test_a_numpy_file_has_every_array(ps4rig: Command, in_folder: Path) -> None:

@@ -12,8 +12,9 @@ from typing import Any
 import pytest
 
 from capture.commands import session_run
+from capture.commands.session_terminal import line_of
 from capture.session.folder import session_folder
-from capture.session.journal import SetEntry
+from capture.session.journal import SetEntry, SetMeasures
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]
@@ -226,6 +227,18 @@ def test_without_a_terminal_nobody_is_asked(refused: Refused, plan: Path) -> Non
     assert "folder of a session" in refused("session", "resume", plan.parent, "--yes")
 
 
+def test_a_session_without_its_journal_names_the_command_that_makes_it(
+    ps4rig: Command, refused: Refused, plan: Path
+) -> None:
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    (plan.parent / "fabrics" / "journal.json").unlink()
+    for command in (("status",), ("resume", "--yes")):
+        message = refused("session", *command, plan.parent / "fabrics")
+        assert "journal.json is missing; ps4rig session run PLAN" in message
+    assert ps4rig("session", "run", plan, "--yes").exit_code == 0
+    assert ps4rig("session", "status", plan.parent / "fabrics").exit_code == 0
+
+
 def test_a_run_needs_room_for_the_missing_sets_only(
     ps4rig: Command, plan: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -235,6 +248,14 @@ def test_a_run_needs_room_for_the_missing_sets_only(
     )
     result = ps4rig("session", "run", plan, "--yes")
     assert result.exit_code == 0, result.stderr
+
+
+def test_the_line_of_a_set_has_no_negative_zero() -> None:
+    measures = SetMeasures(
+        led_levels=(0.5,), saturated=0.0, shadowed=0.0, estimated_deg=-0.013, blur_px=0.01
+    )
+    entry = SetEntry(specimen="a", orientation_deg=0, repeat=1, file="a", measures=measures)
+    assert line_of(entry).endswith("at 0.0 degrees, focus +0.0 px")
 
 
 def test_status_counts_planned_sets_whose_file_is_there(ps4rig: Command, plan: Path) -> None:

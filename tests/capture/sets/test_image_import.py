@@ -219,11 +219,14 @@ def test_a_response_that_is_not_undone_or_not_of_all_is_refused(four: Photograph
     assert stored(paths, gamma="srgb").metadata.gamma_source == "given"
 
 
-@pytest.mark.parametrize(("dtype", "warned"), [(np.uint8, True), (np.uint16, False)])
+@pytest.mark.parametrize(
+    ("dtype", "channels", "warned"),
+    [(np.uint8, 0, True), (np.uint16, 0, False), (np.uint16, 3, True)],
+)
 def test_an_unknown_response_counts_as_linear_with_a_word(
-    four: Photographs, dtype: type[np.uint8 | np.uint16], warned: bool
+    four: Photographs, dtype: type[np.uint8 | np.uint16], channels: int, warned: bool
 ) -> None:
-    metadata = stored(four(pattern(dtype))).metadata
+    metadata = stored(four(pattern(dtype, channels))).metadata
     assert (metadata.gamma, metadata.gamma_source) == ("linear", "assumed")
     assert [*metadata.facts][-1] == ("response", "linear (assumed)")
     assert any("--gamma" in warning for warning in metadata.warnings) == warned
@@ -343,6 +346,18 @@ def test_a_crop_cuts_all_images_and_the_mask_alike(four: Photographs, tmp_path: 
     assert not read.solve().valid[~read.mask].any()
 
 
+@pytest.mark.parametrize(("filled", "warned"), [(False, True), (True, False)])
+def test_a_mask_that_is_the_outline_of_the_part_is_a_warning(
+    four: Photographs, tmp_path: Path, filled: bool, warned: bool
+) -> None:
+    grey = np.zeros(SHAPE, np.uint8)
+    grey[2:10, 2:15] = 255
+    grey[3:9, 3:14] = 255 * filled
+    mask = written(tmp_path / "mask.png", grey)
+    warnings = stored(four(pattern(np.uint8)), mask=mask).metadata.warnings
+    assert any("encloses 32.4% that is black" in text for text in warnings) == warned
+
+
 def test_a_mask_must_cover_the_frame_and_show_the_part(four: Photographs, tmp_path: Path) -> None:
     paths = four(pattern(np.uint8))
     small = written(tmp_path / "small.png", np.full((5, 6), 255, np.uint8))
@@ -441,7 +456,17 @@ def refuse(paths: list[Path], message: str, **options: Any) -> None:
 
 
 def test_the_numbers_of_images_and_lights_must_agree(four: Photographs) -> None:
-    refuse(four(pattern(np.uint8))[:3], "3 images for 4 lights; give one image each")
+    refuse(four(pattern(np.uint8))[:3], "3 images for 4 lights; give one image each, .* --tilts")
+
+
+@pytest.mark.parametrize(("slant_deg", "warned"), [(0.785, True), (12.0, False)])
+def test_lights_at_a_slant_in_radians_are_a_warning(
+    four: Photographs, slant_deg: float, warned: bool
+) -> None:
+    accept = ("equal-images", "saturation")
+    captured = import_images(four(pattern(np.uint8)), Lighting.ring(slant_deg), accept=accept)
+    found = [text for text in captured.metadata.warnings if "within 0.785 degrees" in text]
+    assert bool(found) == warned
 
 
 def test_images_must_have_one_size_and_depth(four: Photographs, tmp_path: Path) -> None:
