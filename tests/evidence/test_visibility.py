@@ -2,14 +2,15 @@
 
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from rig.scene.surfaces import PeriodicSurface
 
-from . import faulty_parts
-from .faulty_parts import FAULTS, Fault, placements
-from .visibility import holes_seen, least_seen
+from . import faulty_parts, visibility
+from .faulty_parts import FAULTS, placements
+from .visibility import holes_seen, seen_by_filter
 
 SIDE, TILE = 512, 128
 
@@ -39,8 +40,21 @@ def test_a_hole_is_seen_where_it_takes_a_joint_away(monkeypatch: pytest.MonkeyPa
     assert {True, False} == set(seen)
 
 
-def test_a_smaller_fault_can_be_in_more_places_and_needs_a_larger_d() -> None:
-    sizes = (16.0, 60.0, 512.0)
-    least = [least_seen(Fault("stain", "stain", size_px)) for size_px in sizes]
-    assert least == sorted(least, reverse=True)
-    assert least[-1] == pytest.approx(2 * 2.326, abs=1e-3)  # one place
+def blotched(deviation: float) -> PeriodicSurface:
+    """A flat sheet with blots of 5 px, brighter and darker by factors."""
+    draw = np.random.default_rng(1)
+    blots = cv2.GaussianBlur(draw.normal(size=(SIDE, SIDE)), (0, 0), 2.0)
+    logs = blots / blots.std() + draw.normal(0.0, 0.3, blots.shape)
+    height = draw.normal(0.0, 0.01, blots.shape)
+    return PeriodicSurface.from_height(height, 0.2 * np.exp(deviation * logs), "blotched")
+
+
+@pytest.mark.parametrize(("deviation", "is_seen"), [(0.1, True), (1.0, False)])
+def test_a_stain_is_seen_where_the_texture_varies_less(
+    monkeypatch: pytest.MonkeyPatch, deviation: float, is_seen: bool
+) -> None:
+    for module in (faulty_parts, visibility):
+        monkeypatch.setattr(module, "load_material", lambda _: blotched(deviation))
+    (stain,) = (fault for fault in FAULTS if fault.kind == "stain")
+    _, seen = seen_by_filter(Path("blotched"), stain, 6, 1, good=20)
+    assert seen == [is_seen] * 6

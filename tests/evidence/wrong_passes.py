@@ -6,9 +6,9 @@
 MATERIALS is a folder with one folder for each material. On the first 12 in alphabetical order a
 recipe is taught from 25 good parts of 512 px; other parts, captured with shadows and noise, are
 then judged by the inspector. Constants were chosen on materials 1, 3, 5 ... (even, from 0);
-targets hold for the others, and where a fault can be seen: stains and dents where a linear
-detector that knows them finds 99 %, holes where they remove texture, seams where the texture has a
-direction.
+targets hold for the others, and where a fault can be seen: stains and dents that a matched filter
+finds, at a limit that 1 % of good parts exceed, holes that remove texture, seams where the texture
+has a direction.
 Captured sets are kept in the folder of temporary files.
 """
 
@@ -27,7 +27,7 @@ from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 
 from .faulty_parts import FAULTS, GOOD, LOCAL, Fault, kept_parts
-from .visibility import detectability, holes_seen, least_seen
+from .visibility import holes_seen, seen_by_filter
 
 TEXTURES = 12
 _TAUGHT = 25
@@ -105,8 +105,8 @@ def main(arguments: Sequence[str]) -> int:
                 passes = passed(inspector, paths, causes)
                 about, seen = "", [True] * len(paths)
                 if fault.kind in ("stain", "dent"):
-                    d, least = detectability(material, fault), least_seen(fault)
-                    about, seen = f"d' {d:.1f} of {least:.1f}  ", [d >= least] * len(paths)
+                    d_prime, seen = seen_by_filter(material, fault, len(paths), given.seed)
+                    about = f"d' {d_prime:.1f}  "
                 elif fault.kind == "missing":
                     seen = list(holes_seen(material, fault, len(paths), given.seed))
                 elif fault.kind == "seam":
