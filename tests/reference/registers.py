@@ -10,11 +10,10 @@ from capture.station.line.registers import (
     VERDICTS,
     Bit,
     Command,
-    ErrorCode,
     Register,
-    SelectError,
     Status,
 )
+from capture.station.run.triggers import RecipeRefusal, Refusal
 
 
 def register_lines() -> list[str]:
@@ -24,8 +23,8 @@ def register_lines() -> list[str]:
         *_registers("Written by the PLC", PLC),
         *_bits("status", Status),
         *_bits("commands", Command),
-        *_codes("error", {code: code.meaning for code in ErrorCode if code}),
-        *_codes("select_error", {code: code.meaning for code in SelectError if code}),
+        *_codes("error", {code: code.meaning for code in Refusal}),
+        *_codes("select_error", {code: code.meaning for code in RecipeRefusal}),
         *_codes("verdict", {code: str(word) for word, code in VERDICTS.items()}),
         *_codes("state", {code: str(word) for word, code in STATES.items()}),
     ]

@@ -21,7 +21,7 @@ from capture.station.run.events import (
 from capture.station.run.live_view import LiveEvent
 from capture.station.run.states import State
 from capture.station.run.station_state import StationState
-from capture.station.run.triggers import Accepted, Answer, Asker, RecipeRefusal, Refused
+from capture.station.run.triggers import Accepted, Answer, Asker, RecipeRefusal, Refusal, Refused
 from classify.base.errors import InputError
 
 from .registers import (
@@ -32,8 +32,6 @@ from .registers import (
     STATES,
     STATION,
     Command,
-    ErrorCode,
-    SelectError,
     Status,
     decoded,
     encoded,
@@ -68,7 +66,7 @@ class Selection:
         self.loading: RecipeRequest | None = None  # until the station has answered
         # The answer; it is taken back when SelectRecipe falls.
         self.is_loaded = False
-        self.error = SelectError.NONE
+        self.error: RecipeRefusal | None = None
         self._current: RecipeRequest | None = None  # None after SelectRecipe fell
 
     def select(self, position: int, name: str | None) -> None:
@@ -76,22 +74,22 @@ class Selection:
         self.withdraw()
         self.position = position
         if self.loading is not None:
-            self.error = SelectError.BUSY
+            self.error = RecipeRefusal.BUSY
         elif name is None:
-            self.error = SelectError.UNKNOWN
+            self.error = RecipeRefusal.UNKNOWN
         else:
             self._current = self.loading = RecipeRequest(name)
 
     def withdraw(self) -> None:
         """Take a fall of SelectRecipe."""
-        self._current, self.is_loaded, self.error = None, False, SelectError.NONE
+        self._current, self.is_loaded, self.error = None, False, None
 
     def refused(self, request: RecipeRequest, kind: RecipeRefusal) -> None:
         """Take the refusal of a request."""
         if self.loading is request:
             self.loading = None
         if self._current is request:
-            self.error = SelectError[kind.name]
+            self.error = kind
 
     def tell(self, event: RecipeLoaded) -> None:
         """Take a recipe that the station has loaded, for the PLC or for somebody else."""
@@ -129,7 +127,7 @@ class Handshake:
         self._current: TriggerRequest | None = None
         self._unanswered: TriggerRequest | None = None
         self._is_accepted = False
-        self._error = ErrorCode.NONE
+        self._error: Refusal | None = None
         # Numbers of parts; parts are exposed and announced in their order.
         self._begun = self._exposed = self._announced = 0
         self._shown: PartResult | None = None
@@ -192,7 +190,7 @@ class Handshake:
         if self._current is request:  # not withdrawn
             self._is_accepted = isinstance(answer, Accepted)
             if isinstance(answer, Refused):
-                self._error = ErrorCode[answer.kind.name]
+                self._error = answer.kind
 
     # The station.
 
@@ -231,7 +229,7 @@ class Handshake:
                 "heartbeat": self.heartbeat,
                 "status": self._status(),
                 "state": STATES[self._station.state],
-                "error": self._error,
+                "error": self._error or 0,
                 "trigger_id": self._trigger_id,
                 "number": self._begun,
                 "recipe": self._position(),
@@ -239,7 +237,7 @@ class Handshake:
                 "recipe_hash": first_digits(None if recipe is None else recipe.sha256),
                 "overruns": self._overruns,
                 "selected": self.selection.position,
-                "select_error": self.selection.error,
+                "select_error": self.selection.error or 0,
                 **registers_of(self._shown),
             },
         )
@@ -253,11 +251,11 @@ class Handshake:
             Status.EXPOSURE_COMPLETE: is_exposed and self._begun > 0,
             Status.BUSY: self.is_busy,
             Status.RESULTS_VALID: self._shown is not None,
-            Status.REFUSED: self._error is not ErrorCode.NONE,
+            Status.REFUSED: self._error is not None,
             Status.WRONG_ACK: self._is_wrong_ack,
             Status.SIMULATED: self._station.simulated,
             Status.RECIPE_LOADED: self.selection.is_loaded,
-            Status.RECIPE_REFUSED: self.selection.error is not SelectError.NONE,
+            Status.RECIPE_REFUSED: self.selection.error is not None,
         }
         status = Status(0)
         for bit, is_set in bits.items():
@@ -283,12 +281,12 @@ class Handshake:
         self._trigger_id = trigger_id
         reason = self._refusal()
         if not is_new:
-            reason = ErrorCode.TRIGGER_ID, f"trigger id {trigger_id}: give another one, not 0"
+            reason = Refusal.TRIGGER_ID, f"trigger id {trigger_id}: give another one, not 0"
         if reason is None and part_id is not None:
             try:
                 require_given_part_id(part_id)
             except InputError as error:
-                reason = ErrorCode.PART_ID, str(error)
+                reason = Refusal.PART_ID, str(error)
         if reason is not None:
             self._error, text = reason
             return TriggerRequest(trigger_id, part_id, refusal=text)
@@ -299,22 +297,22 @@ class Handshake:
 
     def _withdraw(self) -> None:
         """End the handshake of a trigger; a part that it began stays begun."""
-        self._current, self._is_accepted, self._error = None, False, ErrorCode.NONE
+        self._current, self._is_accepted, self._error = None, False, None
 
-    def _refusal(self) -> tuple[ErrorCode, str] | None:
+    def _refusal(self) -> tuple[Refusal, str] | None:
         """Why the handshake would refuse any trigger now."""
         if not self._is_trigger:
-            return ErrorCode.OTHER_TRIGGER, "triggers do not come from the PLC"
+            return Refusal.OTHER_TRIGGER, "triggers do not come from the PLC"
         if self._unanswered is not None:
-            return ErrorCode.UNANSWERED, "busy: another trigger is not answered yet"
+            return Refusal.UNANSWERED, "busy: another trigger is not answered yet"
         if self.selection.loading is not None:
-            return ErrorCode.RECIPE_LOADING, f"recipe {self.selection.loading.name} is being loaded"
+            return Refusal.RECIPE_LOADING, f"recipe {self.selection.loading.name} is being loaded"
         required = self.commands["recipe"]
         if required not in (0, self._position()):
-            return ErrorCode.RECIPE, f"recipe {required} is not the loaded one"
+            return Refusal.RECIPE, f"recipe {required} is not the loaded one"
         if len(self._waiting) + (self._shown is not None) >= MOST_WAITING:
             reason = f"{MOST_WAITING} results wait for an acknowledgement"
-            return ErrorCode.RESULTS_WAITING, reason
+            return Refusal.RESULTS_WAITING, reason
         return None
 
     def _position(self) -> int:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from enum import IntEnum, IntFlag
+from enum import IntFlag
 from typing import Any, Literal, Self
 
 from capture.station.domain.verdict import Decision
@@ -56,59 +56,6 @@ class Command(Bit):
     TRIGGER = 1, "its rise says that a part lies below the camera"
     RESULTS_ACK = 2, "its rise acknowledges the result `ack_number`"
     SELECT_RECIPE = 4, "its rise asks the station to load the recipe `recipe`"
-
-
-class _Code(IntEnum):
-    """A code of a register with its meaning for the reference."""
-
-    meaning: str
-
-    def __new__(cls, value: int, meaning: str) -> Self:
-        """Create a code of that value, with its meaning."""
-        code = int.__new__(cls, value)
-        code._value_, code.meaning = value, meaning
-        return code
-
-
-class ErrorCode(_Code):
-    """Why a trigger was refused."""
-
-    NONE = 0, ""
-    BUSY = 1, "another part is exposed, or parts wait for their verdicts"
-    NOT_READY = 2, "the station is not ready; `state` says more"
-    STOPPING = 3, "the station stops"
-    DISK = 4, "the disk is at its floor"
-    DATABASE = 5, "the database of results does not answer"
-    PART_ID = 6, "`part_id` is invalid, or was used before"
-    UNFORESEEN = 7, "the program has a fault"
-    TRIGGER_ID = 10, "`trigger_id` is 0, or that of the last trigger"
-    UNANSWERED = 11, "an earlier trigger is not answered yet"
-    RESULTS_WAITING = 12, "16 results are not acknowledged"
-    RECIPE = 13, "the loaded recipe is not the required one"
-    OTHER_TRIGGER = 14, 'parts are triggered otherwise: `trigger` is not "modbus"'
-    RECIPE_LOADING = 15, "a recipe that the PLC selected is being loaded"
-    LATE = (
-        16,
-        "the trigger was older than `max_trigger_age_s`",
-    )
-
-
-class SelectError(_Code):
-    """Why a recipe was not loaded."""
-
-    NONE = 0, ""
-    NOT_READY = 1, "the station starts, stops, is in error, or collects parts to teach"
-    BUSY = 2, "another recipe is being loaded"
-    UNKNOWN = 3, "no recipe has this position in `recipes`, or its file is missing"
-    NOT_APPROVED = 4, "nobody approved it as it is"
-    CHALLENGE = 5, "it does not meet its challenge set"
-    UNUSABLE = 6, "it was not taught, is damaged, or has no challenge set or calibration"
-    RIG = 7, "the self-test with its light found a fault"
-    DATABASE = 8, "the change could not be recorded"
-    UNFORESEEN = (
-        9,
-        "the program has a fault",
-    )
 
 
 VERDICTS = {

@@ -3,8 +3,8 @@
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from enum import Enum, auto
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from enum import IntEnum
+from typing import TYPE_CHECKING, Annotated, NamedTuple, Self
 
 from pydantic import Field
 
@@ -37,18 +37,30 @@ class Asker(NamedTuple):
     via: str = "PLC"
 
 
-class RecipeRefusal(Enum):
-    """Kinds of reasons why a recipe is not loaded, for programs."""
+class Code(IntEnum):
+    """A number that the PLC reads, with its meaning for the reference."""
 
-    NOT_READY = auto()  # the station starts, stops, is in error, or judges no parts
-    BUSY = auto()  # another one is being loaded
-    UNKNOWN = auto()
-    NOT_APPROVED = auto()
-    CHALLENGE = auto()
-    UNUSABLE = auto()  # not taught, damaged, not the one seen, without challenge set or calibration
-    RIG = auto()  # the self-test with the exposure and LEDs of the recipe found a fault
-    DATABASE = auto()  # the change cannot be recorded
-    UNFORESEEN = auto()
+    meaning: str
+
+    def __new__(cls, value: int, meaning: str) -> Self:
+        """Create a code of that value, with its meaning."""
+        code = int.__new__(cls, value)
+        code._value_, code.meaning = value, meaning
+        return code
+
+
+class RecipeRefusal(Code):
+    """Why a recipe is not loaded."""
+
+    NOT_READY = 1, "the station starts, stops, is in error, or collects parts to teach"
+    BUSY = 2, "another recipe is being loaded"
+    UNKNOWN = 3, "no recipe has this position in `recipes`, or its file is missing"
+    NOT_APPROVED = 4, "nobody approved it as it is"
+    CHALLENGE = 5, "it does not meet its challenge set"
+    UNUSABLE = 6, "it was not taught, is damaged, or has no challenge set or calibration"
+    RIG = 7, "the self-test with its light found a fault"
+    DATABASE = 8, "the change could not be recorded"
+    UNFORESEEN = 9, "the program has a fault"
 
 
 class RecipeRefused(Conflict):
@@ -85,18 +97,23 @@ class Accepted:
     number: int
 
 
-class Refusal(Enum):
-    """Why a trigger was refused, as a code for programs."""
+class Refusal(Code):
+    """Why a trigger was refused; the handshake gives 10 to 15."""
 
-    NOT_READY = auto()
-    BUSY = auto()  # another part is exposed, or no buffer is free
-    STOPPING = auto()
-    DISK = auto()
-    DATABASE = auto()
-    PART_ID = auto()  # invalid, or used before
-    RECIPE = auto()  # another one is loaded than the trigger requires
-    LATE = auto()  # too old, or its client is gone
-    UNFORESEEN = auto()
+    BUSY = 1, "another part is exposed, or parts wait for their verdicts"
+    NOT_READY = 2, "the station is not ready; `state` says more"
+    STOPPING = 3, "the station stops"
+    DISK = 4, "the disk is at its floor"
+    DATABASE = 5, "the database of results does not answer"
+    PART_ID = 6, "`part_id` is invalid, or was used before"
+    UNFORESEEN = 7, "the program has a fault"
+    TRIGGER_ID = 10, "`trigger_id` is 0, or that of the last trigger"
+    UNANSWERED = 11, "an earlier trigger is not answered yet"
+    RESULTS_WAITING = 12, "16 results are not acknowledged"
+    RECIPE = 13, "the loaded recipe is not the required one"
+    OTHER_TRIGGER = 14, 'parts are triggered otherwise: `trigger` is not "modbus"'
+    RECIPE_LOADING = 15, "a recipe that the PLC selected is being loaded"
+    LATE = 16, "the trigger was older than `max_trigger_age_s`"
 
 
 def refusal_by(error: BaseException) -> Refusal:

@@ -68,7 +68,7 @@ def configure(folder: Path, **config: object) -> None:
     text = (folder / CONFIG).read_text(encoding="utf-8")
     kept = [line for line in text.splitlines() if line.split(" ")[0] not in keys]
     lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
-    (folder / CONFIG).write_text("\n".join([*lines, *kept]), encoding="utf-8")
+    (folder / CONFIG).write_text("\n".join([*lines, *kept, ""]), encoding="utf-8")
 
 
 def in_memory(parts: int) -> str | None:

@@ -16,14 +16,12 @@ from capture.station.line.registers import (
     PLC_ADDRESS,
     STATION,
     Command,
-    ErrorCode,
-    SelectError,
     decoded,
     encoded,
 )
 from capture.station.results.store import RefusedTrigger
 from capture.station.run.live_station import LiveStation
-from capture.station.run.triggers import Refusal, Refused, Trigger
+from capture.station.run.triggers import RecipeRefusal, Refusal, Refused, Trigger
 from tests.capture.station.line.lines import NOTHING, until_so
 
 WAIT_S = 60.0
@@ -63,12 +61,12 @@ def test_a_plc_that_comes_before_the_station_takes_triggers_is_refused() -> None
     with line, live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
         values = NOTHING | {"trigger_id": 1, "part_id": "A-1", "commands": Command.TRIGGER}
         line.write(PLC_ADDRESS, encoded(PLC, values))
-        until_so(lambda: decoded(STATION, line.station_words())["error"] == ErrorCode.NOT_READY)
+        until_so(lambda: decoded(STATION, line.station_words())["error"] == Refusal.NOT_READY)
         line.write(PLC_ADDRESS, encoded(PLC, NOTHING))
         values = NOTHING | {"recipe": 1, "commands": Command.SELECT_RECIPE}
         line.write(PLC_ADDRESS, encoded(PLC, values))
         until_so(lambda: handshake.selection.loading is None)
-    assert decoded(STATION, line.station_words())["select_error"] == SelectError.NOT_READY
+    assert decoded(STATION, line.station_words())["select_error"] == RecipeRefusal.NOT_READY
     assert [row.part_id for row in results.rows] == ["A-1"]
 
 
@@ -126,7 +124,7 @@ def test_a_defect_while_a_recipe_loads_is_an_answer_to_the_plc() -> None:
         values = NOTHING | {"recipe": 1, "commands": Command.SELECT_RECIPE}
         line.write(PLC_ADDRESS, encoded(PLC, values))
         until_so(lambda: handshake.selection.loading is None)
-    assert decoded(STATION, line.station_words())["select_error"] == SelectError.UNFORESEEN
+    assert decoded(STATION, line.station_words())["select_error"] == RecipeRefusal.UNFORESEEN
 
 
 def test_a_heartbeat_that_stops_is_logged(

@@ -16,12 +16,12 @@ from capture.station.line.registers import (
     STATION,
     STATION_WORDS,
     Command,
-    ErrorCode,
     Register,
     Status,
     decoded,
     encoded,
 )
+from capture.station.run.triggers import Refusal
 
 BOTH = pytest.mark.parametrize("registers", [STATION, PLC])
 
@@ -54,8 +54,8 @@ def test_values_come_back_from_their_words(
 
 def test_every_bit_and_code_has_a_meaning() -> None:
     assert all(bit.meaning for bit in (*Status, *Command))
-    assert all(code.meaning for code in ErrorCode if code)
-    assert ErrorCode.RESULTS_WAITING.meaning.startswith(f"{MOST_WAITING} results")
+    assert all(code.meaning for code in Refusal)
+    assert Refusal.RESULTS_WAITING.meaning.startswith(f"{MOST_WAITING} results")
 
 
 def test_a_recipe_has_one_position() -> None:
