@@ -37,7 +37,7 @@ class Asker(NamedTuple):
     via: str = "PLC"
 
 
-class Code(IntEnum):
+class _Code(IntEnum):
     """A number that the PLC reads, with its meaning for the reference."""
 
     meaning: str
@@ -49,7 +49,7 @@ class Code(IntEnum):
         return code
 
 
-class RecipeRefusal(Code):
+class RecipeRefusal(_Code):
     """Why a recipe is not loaded."""
 
     NOT_READY = 1, "the station starts, stops, is in error, or collects parts to teach"
@@ -97,7 +97,7 @@ class Accepted:
     number: int
 
 
-class Refusal(Code):
+class Refusal(_Code):
     """Why a trigger was refused; the handshake gives 10 to 15."""
 
     BUSY = 1, "another part is exposed, or parts wait for their verdicts"
