@@ -78,54 +78,38 @@ def widen_by_gloss(
     x: Array, y: Array, p: Array, q: Array, albedo: Array, dropped: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
-    """Widen the deviations of some rows by the lobes of gloss, as biases.
+    """Widen the deviations of some rows by the lobes of gloss, as biases linear in the lobes.
 
-    The surface without the lobes of the measured slopes is found first, then that without the
-    lobes of the mean slopes of both. Where a light was left out, `flatter` times the measured
-    slopes take their place.
+    Where a light was left out, lobes are those of the slopes times `flatter`.
     """
     shear, without = (plane[0], plane[1], plane[2]), _four(corrections)
-    half, one = np.float32(0.5), np.float32(1.0)
+    zero, one = np.float32(0.0), np.float32(1.0)
     rows, columns = p.shape
     for r in range(rows):
         for c in range(columns):
-            pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
+            pr, qr = p[r, c], q[r, c]
+            pixel = _pixel(pr, qr, albedo[r, c], x[c], y[r], shear)
+            _, _, nz, scale, px, py, _, _, _, cx, cy, cz = pixel
             factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            column = _column(np.float32(dropped[r, c]), without)
-            u, v = factor * p[r, c], factor * q[r, c]
-            matt_p, matt_q, _, _ = _matt(lights, strengths, pixel, column, u, v)
-            u, v = half * (u + matt_p), half * (v + matt_q)
-            matt_p, matt_q, matt_albedo, matt_nz = _matt(lights, strengths, pixel, column, u, v)
-            dp, dq = p[r, c] - matt_p, q[r, c] - matt_q
-            across = p[r, c] * matt_q - q[r, c] * matt_p
-            sine = np.sqrt(dp * dp + dq * dq + across * across) * matt_nz * pixel[2]
+            u, v = factor * pr, factor * qr
+            squared_nz = one / (one + u * u + v * v)
+            gx, gy, gz, g = zero, zero, zero, zero
+            for k in range(len(lights)):
+                _, lx, ly, lz, mx, my, mz, nul, _, inverse_distance = _light(lights[k])
+                to_x, to_y = lx - inverse_distance * px, ly - inverse_distance * py
+                lobe = _lobe(to_x, to_y, lz, u, v, squared_nz, strengths)
+                gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
+            tx, ty, tz = _column(np.float32(dropped[r, c]), without)
+            gx, gy, gz = gx - g * tx, gy - g * ty, gz - g * tz
+            inner = gx * px + gy * py
+            gx, gy, gz = gx + inner * cx, gy + inner * cy, gz + inner * cz
+            dp, dq = (gx + pr * gz) / scale, (gy + qr * gz) / scale
+            across = qr * dp - pr * dq
+            sine = np.sqrt(dp * dp + dq * dq + across * across) * nz * nz
             p_sd[r, c], q_sd[r, c] = _with_bias(dp, p_sd[r, c]), _with_bias(dq, q_sd[r, c])
-            albedo_sd[r, c] = _with_bias(albedo[r, c] - matt_albedo, albedo_sd[r, c])
             angle_sd[r, c] = _with_bias(DEGREES * sine, angle_sd[r, c])
-
-
-@kernel_part
-def _matt(
-    lights: Lights, strengths: Array, pixel: Numbers, column: Numbers, u: np.float32, v: np.float32
-) -> Numbers:
-    """Slopes, albedo and n_z without the lobes of the slopes u and v."""
-    p, q, _, scale, x, y, _, _, _, cx, cy, cz = pixel
-    zero = np.float32(0.0)
-    gx, gy, gz, g = zero, zero, zero, zero
-    squared_nz = np.float32(1.0) / (np.float32(1.0) + u * u + v * v)
-    for k in range(len(lights)):
-        _, lx, ly, lz, mx, my, mz, nul, _, inverse_distance = _light(lights[k])
-        tx, ty = lx - inverse_distance * x, ly - inverse_distance * y
-        lobe = _lobe(tx, ty, lz, u, v, squared_nz, strengths)
-        gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
-    gx, gy, gz = gx - g * column[0], gy - g * column[1], gz - g * column[2]
-    inner = gx * x + gy * y
-    bz = max(scale - gz - inner * cz, np.float32(0.1) * scale)
-    inverse = np.float32(1.0) / bz
-    matt_p = (scale * p + gx + inner * cx) * inverse
-    matt_q = (scale * q + gy + inner * cy) * inverse
-    root = np.sqrt(np.float32(1.0) + matt_p * matt_p + matt_q * matt_q)
-    return matt_p, matt_q, bz * root, np.float32(1.0) / root
+            along = (gz - pr * gx - qr * gy) * nz
+            albedo_sd[r, c] = _with_bias(along, albedo_sd[r, c])
 
 
 @kernel_part
@@ -306,8 +290,8 @@ def write_completed(
 ) -> None:  # fmt: skip
     """Write the deviations of completed slopes at these flat indices.
 
-    Their deviation is the rms step around, times the distance to a solved pixel; 1 where none is
-    within `_FARTHEST_PX`.
+    Their variance is the mean squared step around, times one more than the distance to a solved
+    pixel; 1 where none is within `_FARTHEST_PX`.
     """
     rows, columns = p.shape
     for pixel in pixels:
@@ -331,7 +315,7 @@ def write_completed(
             if count:
                 break
         # Half of it is the variance of p, half that of q.
-        variance = total * np.float32(distance**2) / np.float32(2 * count) if count else 1.0
+        variance = total * np.float32(1 + distance) / np.float32(2 * count) if count else 1.0
         deviation = np.sqrt(np.float32(variance))
         square = np.float32(1.0) + p[y, x] * p[y, x] + q[y, x] * q[y, x]
         p_sd[y, x] = q_sd[y, x] = deviation

@@ -41,8 +41,8 @@ _CHANCE = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR
 _OF_FRAME = np.float32(1e-3)
 _TINY = np.float32(1e-30)
 # Gloss makes solved slopes too steep. Where a light was left out there is no residual to correct
-# them, and the lobe is first that of the slope times this factor (`tests.evidence.uncertainty`).
-_FLATTER = np.float32(0.3)
+# them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
+_FLATTER = np.float32(0.55)
 _MOST_UNROLLED = 8  # lights; loops over more take long to compile
 # A lobe must explain residuals by as many standard deviations; one that explains this share of what
 # the best explains is as likely.
