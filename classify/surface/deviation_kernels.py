@@ -9,10 +9,10 @@ Numbers = tuple[np.float32, ...]
 # Constants of the lights, each those of `_add_light`: a tuple of eight or fewer, whose loops the
 # compiler unrolls and vectorises, or an array.
 Lights = tuple[Numbers, ...] | Array
-# Ambient value, saturation, noise a, b, black, and `_pixel`.
-Scene = tuple[np.float32, np.float32, Numbers, Numbers]
-# Of all lights: M V M^T and M V nul; residuals; the darkest light. See `_add_light`.
-Sums = tuple[Numbers, Numbers, Numbers, Numbers]
+# Ambient value, saturation, noise a, b, black, `_pixel`, and the slopes of lobes with their n_z^2.
+Scene = tuple[np.float32, np.float32, Numbers, Numbers, Numbers]
+# Of all lights: M V M^T and M V nul; gloss; residuals; the darkest light. See `_add_light`.
+Sums = tuple[Numbers, Numbers, Numbers, Numbers, Numbers]
 
 # A residual whose square exceeds this multiple of that of the pixels around is an error of its own:
 # one normal residual in 370 does.
@@ -33,16 +33,17 @@ DEGREES = np.float32(180.0 / np.pi)
 @kernel
 def propagate_errors(
     images: Array, ambient: Array, raw: Array | None, lights: Lights, corrections: Array,
-    common: Array, noise: Array, saturation: np.float32, leaves_out: bool,
-    plane: Array, x: Array, y: Array,
+    common: Array, strengths: Array | None, noise: Array, saturation: np.float32,
+    leaves_out: bool, flatter: np.float32, plane: Array, x: Array, y: Array,
     p: Array, q: Array, albedo: Array, dropped: Array, model: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
-    """Write the deviations of some rows, without gloss.
+    """Write the deviations of some rows.
 
     `raw` are the pixel values before they were divided, None if they were not; `corrections`
     (4, 3) the columns of pinv / nul, and `common` (2, 6) the covariances of b from errors of
-    variance 1 of each image, and of one error in all images.
+    variance 1 of each image, and of one error in all images. Where a light was left out, lobes are
+    those of slopes times `flatter`; `strengths` is None where there is no gloss.
     """
     shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
     covariances, without = (_six(common[0]), _six(common[1])), _four(corrections)
@@ -51,65 +52,28 @@ def propagate_errors(
     shares = (one / number, one / max(number - np.float32(3.0), one))
     frame = (number, np.float32(len(ambient) > 1), lights[0][0])
     no_sums = (
-        (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero),
-        (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
+        (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero, zero),
+        (zero, zero, zero), (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
     )  # fmt: skip
     rows, columns = p.shape
     for r in range(rows):
         dark_row = ambient[min(r, len(ambient) - 1)]
         for c in range(columns):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            scene = (dark_row[c], saturation, sensor, pixel)
+            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+            u, v = factor * p[r, c], factor * q[r, c]
+            lobe = (u, v, one / (one + u * u + v * v))
+            scene = (dark_row[c], saturation, sensor, pixel, lobe)
             sums = no_sums
             for k in range(len(lights)):
                 value = None if raw is None else raw[k, r, c]
                 sums = _add_light(
-                    np.float32(k), images[k, r, c], value, scene, _light(lights[k]), sums
+                    np.float32(k), images[k, r, c], value, scene, _light(lights[k]), strengths, sums
                 )
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
-                scene, sums, frame, shares, leaves_out, covariances, without,
+                scene, sums, frame, shares, leaves_out, covariances, without, strengths,
                 np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
-
-
-@kernel
-def widen_by_gloss(
-    lights: Lights, corrections: Array, strengths: Array, flatter: np.float32, plane: Array,
-    x: Array, y: Array, p: Array, q: Array, albedo: Array, dropped: Array,
-    p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
-) -> None:  # fmt: skip
-    """Widen the deviations of some rows by the lobes of gloss, as biases linear in the lobes.
-
-    Where a light was left out, lobes are those of the slopes times `flatter`.
-    """
-    shear, without = (plane[0], plane[1], plane[2]), _four(corrections)
-    zero, one = np.float32(0.0), np.float32(1.0)
-    rows, columns = p.shape
-    for r in range(rows):
-        for c in range(columns):
-            pr, qr = p[r, c], q[r, c]
-            pixel = _pixel(pr, qr, albedo[r, c], x[c], y[r], shear)
-            _, _, nz, scale, px, py, _, _, _, cx, cy, cz = pixel
-            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            u, v = factor * pr, factor * qr
-            squared_nz = one / (one + u * u + v * v)
-            gx, gy, gz, g = zero, zero, zero, zero
-            for k in range(len(lights)):
-                _, lx, ly, lz, mx, my, mz, nul, _, inverse_distance = _light(lights[k])
-                to_x, to_y = lx - inverse_distance * px, ly - inverse_distance * py
-                lobe = _lobe(to_x, to_y, lz, u, v, squared_nz, strengths)
-                gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
-            tx, ty, tz = _column(np.float32(dropped[r, c]), without)
-            gx, gy, gz = gx - g * tx, gy - g * ty, gz - g * tz
-            inner = gx * px + gy * py
-            gx, gy, gz = gx + inner * cx, gy + inner * cy, gz + inner * cz
-            dp, dq = (gx + pr * gz) / scale, (gy + qr * gz) / scale
-            across = qr * dp - pr * dq
-            sine = np.sqrt(dp * dp + dq * dq + across * across) * nz * nz
-            p_sd[r, c], q_sd[r, c] = _with_bias(dp, p_sd[r, c]), _with_bias(dq, q_sd[r, c])
-            angle_sd[r, c] = _with_bias(DEGREES * sine, angle_sd[r, c])
-            along = (gz - pr * gx - qr * gy) * nz
-            albedo_sd[r, c] = _with_bias(along, albedo_sd[r, c])
 
 
 @kernel_part
@@ -155,12 +119,12 @@ def _pixel(
 @kernel_part
 def _add_light(
     index: np.float32, image: np.float32, raw: np.float32 | None, scene: Scene, light: Numbers,
-    sums: Sums,
+    strengths: Array | None, sums: Sums,
 ) -> Sums:  # fmt: skip
     """Add a light with the column M of the pseudo-inverse; a saturated light is the darkest."""
-    dark, saturation, (a, b, black), pixel = scene
-    gain, lx, ly, lz, mx, my, mz, nul, spare, _ = light
-    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
+    dark, saturation, (a, b, black), pixel, slopes = scene
+    gain, lx, ly, lz, mx, my, mz, nul, spare, inverse_distance = light
+    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
     energy, expected, total = residuals
     high, second, low, lost = darkness
     v = gain * (image - dark)
@@ -173,9 +137,14 @@ def _add_light(
     vx, vy, vz, vn = mx * variance, my * variance, mz * variance, nul * variance
     error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
     level = v if pixel_value < saturation else -np.float32(1.0)
+    if strengths is not None:
+        to_x, to_y = lx - inverse_distance * pixel[4], ly - inverse_distance * pixel[5]
+        lobe = _lobe(to_x, to_y, lz, slopes, strengths)
+        gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
     return (
         (xx + vx * mx, xy + vx * my, xz + vx * mz, yy + vy * my, yz + vy * mz, zz + vz * mz),
         (dx + vn * mx, dy + vn * my, dz + vn * mz, d + vn * nul),
+        (gx, gy, gz, g),
         (energy + error * error, expected + spare * variance, total + v),
         (max(high, v), max(second, min(high, v)), min(low, level), index if level < low else lost),
     )  # fmt: skip
@@ -183,10 +152,10 @@ def _add_light(
 
 @kernel_part
 def _lobe(
-    tx: np.float32, ty: np.float32, lz: np.float32, p: np.float32, q: np.float32,
-    squared_nz: np.float32, strengths: Array,
-) -> np.float32:  # fmt: skip
+    tx: np.float32, ty: np.float32, lz: np.float32, slopes: Numbers, strengths: Array
+) -> np.float32:
     """Light of the lobes of gloss from the direction (tx, ty, lz): see `uncertainty._lobes`."""
+    p, q, squared_nz = slopes
     square = tx * tx + ty * ty
     tz = lz + np.sqrt(square + lz * lz)
     cosine = max(tz - tx * p - ty * q, np.float32(0.0))
@@ -206,13 +175,13 @@ def _lobe(
 @kernel_part
 def _deviations(
     scene: Scene, sums: Sums, frame: Numbers, shares: Numbers, leaves_out: bool,
-    covariances: tuple[Numbers, ...], without: tuple[Numbers, ...],
+    covariances: tuple[Numbers, ...], without: tuple[Numbers, ...], strengths: Array | None,
     dropped: np.float32, share: np.float32,
 ) -> Numbers:  # fmt: skip
     """Deviations of p, q, albedo and the normal."""
-    dark, _, (a, b, black), pixel = scene
+    dark, _, (a, b, black), pixel, _ = scene
     p, q, nz, scale, x, y, _, _, _, cx, cy, cz = pixel
-    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
+    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
     energy, expected, total = residuals
     high, second, low, darkest = darkness
     number, has_ambient, gain = frame
@@ -260,6 +229,14 @@ def _deviations(
     spread = np.sqrt(max(trace * trace - determinant, zero))
     angle = np.sqrt(max(trace + spread + SECOND_AXIS * (trace - spread), zero))
     sp, sq, sr = np.sqrt(vp), np.sqrt(vq), np.sqrt(max(vr, zero))
+    if strengths is not None:
+        g *= left_out
+        gx, gy, gz = gx - g * tx, gy - g * ty, gz - g * tz
+        gp, gq = px * gx + py * gy + p * gz, qx * gx + qy * gy + q * gz
+        bias = e * gp * gp - (f + f) * gp * gq + h * gq * gq
+        angle = _with_bias(np.sqrt(max(bias, zero)), angle)
+        sp, sq = _with_bias(gp, sp), _with_bias(gq, sq)
+        sr = _with_bias(nx * gx + ny * gy + gz, sr)
     inverse = one / scale
     return sp * inverse, sq * inverse, sr * nz, DEGREES * angle * inverse * nz * nz
 

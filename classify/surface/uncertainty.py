@@ -26,7 +26,6 @@ from .deviation_kernels import (
     POWERS,
     Lights,
     propagate_errors,
-    widen_by_gloss,
     write_completed,
 )
 from .estimate import SurfaceEstimate
@@ -63,7 +62,7 @@ def with_deviations(
     gains = 1.0 / ((surface.full_scale or 1.0) * lighting.intensities)
     solution = _Solution(surface, stack, taken, gains.astype(np.float32), variance)
     shares, strengths = _model_errors(solution)
-    lobes = strengths.astype(np.float32)
+    lobes = strengths.astype(np.float32) if strengths.any() else None
     model = cv2.resize(shares, shape[::-1], interpolation=cv2.INTER_LINEAR)
     maps = np.empty((4, *shape), np.float32)
     plane = Shear.of(lighting).plane
@@ -78,14 +77,11 @@ def with_deviations(
         images, dark = stack.float_rows(first, last)
         dropped = np.ascontiguousarray(surface.dropped[rows])  # the same everywhere: one number
         raw = None if taken is stack else taken.images[:, rows].astype(np.float32)
-        where, written = (plane, x, y[rows]), maps[:, rows]
-        slopes = (surface.p[rows], surface.q[rows], surface.albedo[rows], dropped)
         propagate_errors(
-            images, dark, raw, lights, corrections, common, variance, saturation, leaves_out,
-            *where, *slopes, model[rows], *written,
+            images, dark, raw, lights, corrections, common, lobes, variance, saturation, leaves_out,
+            flatter, plane, x, y[rows], surface.p[rows], surface.q[rows],
+            surface.albedo[rows], dropped, model[rows], *maps[:, rows],
         )  # fmt: skip
-        if lobes.any():
-            widen_by_gloss(lights, corrections, lobes, flatter, *where, *slopes, *written)
 
     run_on_rows(propagate, shape, STRIP_PX // 2)
     if surface.repaired is not None:
@@ -223,8 +219,7 @@ def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
     """Strengths of the lobes that explain residuals best; 0 if none does.
 
     `shapes` (powers, N, n) are the residuals of the lobes. Of lobes that explain as much, the mean
-    of the sharper half is taken: a broad lobe is hardly told from a matt surface. If one explains
-    most, its exponent lies between two powers: the sum with the next sharper one is fitted.
+    of the sharper half is taken: a broad lobe is hardly told from a matt surface.
     """
     products = (weights * (shapes * residuals).sum(axis=1)).sum(axis=1)
     squares = (weights * np.square(shapes).sum(axis=1)).sum(axis=1)
@@ -234,10 +229,4 @@ def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
         likely = np.flatnonzero(gains >= _AS_LIKELY * gains.max())
         chosen = likely[len(likely) // 2 :]
         strengths[chosen] = products[chosen] / squares[chosen] / len(chosen)
-        pair = chosen[0] + np.arange(2)
-        if len(chosen) == 1 and pair[1] < POWERS:
-            normal = np.einsum("akn,bkn,n->ab", shapes[pair], shapes[pair], weights)
-            both = np.linalg.solve(normal, products[pair])
-            if both.min() > 0.0:
-                strengths[pair] = both
     return strengths
