@@ -9,10 +9,10 @@ Numbers = tuple[np.float32, ...]
 # Constants of the lights, each those of `_add_light`: a tuple of eight or fewer, whose loops the
 # compiler unrolls and vectorises, or an array.
 Lights = tuple[Numbers, ...] | Array
-# Ambient value, saturation, noise a, b, black, `_pixel`, and the slopes of lobes with their n_z^2.
-Scene = tuple[np.float32, np.float32, Numbers, Numbers, Numbers]
-# Of all lights: M V M^T and M V nul; gloss; residuals; the darkest light. See `_add_light`.
-Sums = tuple[Numbers, Numbers, Numbers, Numbers, Numbers]
+# Ambient value, saturation, noise a, b, black, and `_pixel`.
+Scene = tuple[np.float32, np.float32, Numbers, Numbers]
+# Of all lights: M V M^T and M V nul; residuals; the darkest light. See `_add_light`.
+Sums = tuple[Numbers, Numbers, Numbers, Numbers]
 
 # A residual whose square exceeds this multiple of that of the pixels around is an error of its own:
 # one normal residual in 370 does.
@@ -52,27 +52,28 @@ def propagate_errors(
     shares = (one / number, one / max(number - np.float32(3.0), one))
     frame = (number, np.float32(len(ambient) > 1), lights[0][0])
     no_sums = (
-        (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero, zero),
-        (zero, zero, zero), (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
+        (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero),
+        (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
     )  # fmt: skip
     rows, columns = p.shape
     for r in range(rows):
         dark_row = ambient[min(r, len(ambient) - 1)]
         for c in range(columns):
             pixel = _pixel(p[r, c], q[r, c], albedo[r, c], x[c], y[r], shear)
-            factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
-            u, v = factor * p[r, c], factor * q[r, c]
-            lobe = (u, v, one / (one + u * u + v * v))
-            scene = (dark_row[c], saturation, sensor, pixel, lobe)
-            sums = no_sums
+            scene = (dark_row[c], saturation, sensor, pixel)
+            sums, gloss = no_sums, (zero, zero, zero, zero)
             for k in range(len(lights)):
                 value = None if raw is None else raw[k, r, c]
                 sums = _add_light(
-                    np.float32(k), images[k, r, c], value, scene, _light(lights[k]), strengths, sums
+                    np.float32(k), images[k, r, c], value, scene, _light(lights[k]), sums
                 )
+            if strengths is not None:  # a loop of its own: the compiler unrolls short ones only
+                factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+                for k in range(len(lights)):
+                    gloss = _add_gloss(pixel, factor, _light(lights[k]), strengths, gloss)
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
-                scene, sums, frame, shares, leaves_out, covariances, without, strengths,
-                np.float32(dropped[r, c]), model[r, c],
+                scene, sums, None if strengths is None else gloss, frame, shares, leaves_out,
+                covariances, without, np.float32(dropped[r, c]), model[r, c],
             )  # fmt: skip
 
 
@@ -119,12 +120,12 @@ def _pixel(
 @kernel_part
 def _add_light(
     index: np.float32, image: np.float32, raw: np.float32 | None, scene: Scene, light: Numbers,
-    strengths: Array | None, sums: Sums,
+    sums: Sums,
 ) -> Sums:  # fmt: skip
     """Add a light with the column M of the pseudo-inverse; a saturated light is the darkest."""
-    dark, saturation, (a, b, black), pixel, slopes = scene
-    gain, lx, ly, lz, mx, my, mz, nul, spare, inverse_distance = light
-    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
+    dark, saturation, (a, b, black), pixel = scene
+    gain, lx, ly, lz, mx, my, mz, nul, spare, _ = light
+    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
     energy, expected, total = residuals
     high, second, low, lost = darkness
     v = gain * (image - dark)
@@ -137,29 +138,29 @@ def _add_light(
     vx, vy, vz, vn = mx * variance, my * variance, mz * variance, nul * variance
     error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
     level = v if pixel_value < saturation else -np.float32(1.0)
-    if strengths is not None:
-        to_x, to_y = lx - inverse_distance * pixel[4], ly - inverse_distance * pixel[5]
-        lobe = _lobe(to_x, to_y, lz, slopes, strengths)
-        gx, gy, gz, g = gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
     return (
         (xx + vx * mx, xy + vx * my, xz + vx * mz, yy + vy * my, yz + vy * mz, zz + vz * mz),
         (dx + vn * mx, dy + vn * my, dz + vn * mz, d + vn * nul),
-        (gx, gy, gz, g),
         (energy + error * error, expected + spare * variance, total + v),
         (max(high, v), max(second, min(high, v)), min(low, level), index if level < low else lost),
     )  # fmt: skip
 
 
 @kernel_part
-def _lobe(
-    tx: np.float32, ty: np.float32, lz: np.float32, slopes: Numbers, strengths: Array
-) -> np.float32:
-    """Light of the lobes of gloss from the direction (tx, ty, lz): see `uncertainty._lobes`."""
-    p, q, squared_nz = slopes
+def _add_gloss(
+    pixel: Numbers, factor: np.float32, light: Numbers, strengths: Array, gloss: Numbers
+) -> Numbers:
+    """Add M and nul of a light times its lobes of gloss: see `uncertainty._lobes`."""
+    p, q, _, _, x, y, _, _, _, _, _, _ = pixel
+    _, lx, ly, lz, mx, my, mz, nul, _, inverse_distance = light
+    gx, gy, gz, g = gloss
+    one = np.float32(1.0)
+    p, q = factor * p, factor * q
+    tx, ty = lx - inverse_distance * x, ly - inverse_distance * y
     square = tx * tx + ty * ty
     tz = lz + np.sqrt(square + lz * lz)
     cosine = max(tz - tx * p - ty * q, np.float32(0.0))
-    power = cosine * cosine * squared_nz * (np.float32(1.0) / (square + tz * tz))
+    power = cosine * cosine * (one / ((one + p * p + q * q) * (square + tz * tz)))
     power *= power
     power *= power
     lobe = strengths[0] * power
@@ -169,19 +170,20 @@ def _lobe(
     lobe += strengths[2] * power
     power *= power
     lobe += strengths[3] * power
-    return np.float32(lobe + strengths[4] * power * power)
+    lobe += strengths[4] * power * power
+    return gx + mx * lobe, gy + my * lobe, gz + mz * lobe, g + nul * lobe
 
 
 @kernel_part
 def _deviations(
-    scene: Scene, sums: Sums, frame: Numbers, shares: Numbers, leaves_out: bool,
-    covariances: tuple[Numbers, ...], without: tuple[Numbers, ...], strengths: Array | None,
+    scene: Scene, sums: Sums, gloss: Numbers | None, frame: Numbers, shares: Numbers,
+    leaves_out: bool, covariances: tuple[Numbers, ...], without: tuple[Numbers, ...],
     dropped: np.float32, share: np.float32,
 ) -> Numbers:  # fmt: skip
     """Deviations of p, q, albedo and the normal."""
-    dark, _, (a, b, black), pixel, _ = scene
+    dark, _, (a, b, black), pixel = scene
     p, q, nz, scale, x, y, _, _, _, cx, cy, cz = pixel
-    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), (gx, gy, gz, g), residuals, darkness = sums
+    (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
     energy, expected, total = residuals
     high, second, low, darkest = darkness
     number, has_ambient, gain = frame
@@ -229,7 +231,8 @@ def _deviations(
     spread = np.sqrt(max(trace * trace - determinant, zero))
     angle = np.sqrt(max(trace + spread + SECOND_AXIS * (trace - spread), zero))
     sp, sq, sr = np.sqrt(vp), np.sqrt(vq), np.sqrt(max(vr, zero))
-    if strengths is not None:
+    if gloss is not None:
+        gx, gy, gz, g = gloss
         g *= left_out
         gx, gy, gz = gx - g * tx, gy - g * ty, gz - g * tz
         gp, gq = px * gx + py * gy + p * gz, qx * gx + qy * gy + q * gz
