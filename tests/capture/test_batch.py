@@ -309,11 +309,11 @@ except BaseException:
 """
 BEGINS_LATE = """
 from multiprocessing import Pipe
-from capture.batch.local_pool import at_work, begin_worker, call_in_one_thread
+from capture.batch.local_pool import _at_work, _begin_worker, call_in_one_thread
 
 far_end, lifeline = Pipe(duplex=False)
-begin_worker(far_end)
-at_work.set()
+_begin_worker(far_end)
+_at_work.set()
 call_in_one_thread(abs, -1)
 """
 

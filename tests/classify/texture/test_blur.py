@@ -77,17 +77,18 @@ def test_the_least_distance_is_that_of_trying_all_blurs(
     test = -difference_at(true_px2, np.zeros(NUMBERS), test_curve, reference, curve)
     test += noise * rng.standard_normal(NUMBERS)
     arrays = [np.float32(each) for each in (test, test_curve, reference[None], curve[None])]
-    least, variances = least_over_blurs(*arrays, RINGS, blur_penalty(256**2))
+    penalty = blur_penalty(256**2)
+    least, variances = least_over_blurs(*arrays, RINGS, penalty)
     tried_px2 = np.linspace(-(MAX_SHARPER_PX**2), MAX_BLURRIER_PX**2, 1201)
     tried = [
-        np.square(difference_at(v, test, test_curve, reference, curve)).sum() + 0.1 * abs(v)
+        np.square(difference_at(v, test, test_curve, reference, curve)).sum() + penalty * abs(v)
         for v in tried_px2
     ]
     assert least[0] == pytest.approx(min(tried), rel=1e-2, abs=1e-3)
     assert least[0] <= min(tried) + 1e-4 * (1.0 + min(tried))
     assert -(MAX_SHARPER_PX**2) - 1e-6 <= variances[0] <= MAX_BLURRIER_PX**2 + 1e-6
     at_found = difference_at(float(variances[0]), test, test_curve, reference, curve)
-    assert np.square(at_found).sum() + 0.1 * abs(variances[0]) == pytest.approx(
+    assert np.square(at_found).sum() + penalty * abs(variances[0]) == pytest.approx(
         least[0], rel=1e-3, abs=1e-4
     )
 
