@@ -88,7 +88,7 @@ def fall_off(
         prediction_error(grid.bases[degree], means, weights) for degree in (_DEGREE, _HIGHER_DEGREE)
     )
     if high < _CLEARLY_BETTER * low:
-        _find_means(*samples, 0.0 * coefficients, means, weights)
+        _find_means(*samples, np.zeros_like(coefficients), means, weights)
         if _no_relief(lighting, means, weights):
             basis, terms = grid.bases[_HIGHER_DEGREE], exponents(_HIGHER_DEGREE)
             _refine(*samples, basis, *terms, coefficients, means, weights)
