@@ -12,10 +12,11 @@ from __future__ import annotations
 import atexit
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from types import FrameType
+from types import CodeType, FrameType
 
 # Windows has only the first two.
 _ENDING = [
@@ -28,6 +29,9 @@ INTERRUPTED_LINE = "ps4rig: interrupted"
 # Time for a command to clean up undisturbed. It covers the time-outs of a controller that no longer
 # answers (rig.toml's defaults).
 _CLEANUP_S = 5.0
+# Callbacks by which llvmlite reports compiled code; ctypes swallows every exception in them.
+_CALLBACKS = "_raw_object_cache_"
+_AFTER_CALLBACK_S = 0.01
 
 _is_in_command = False
 _cleanup_ends_s = 0.0  # after the first signal of a command, else 0
@@ -53,23 +57,26 @@ def interruptible() -> Iterator[None]:
         _is_in_command = False
 
 
-def _handle(_: int, frame: FrameType | None) -> None:
+def _handle(number: int, frame: FrameType | None) -> None:
     global _cleanup_ends_s
-    now_s = time.monotonic()
+    now_s, running = time.monotonic(), [*_running(frame)]
     if now_s < _cleanup_ends_s:
         return
-    if _cleanup_ends_s or not _is_in_command or _is_in_import(frame):
+    # Some modules catch every exception while they are imported.
+    is_in_import = any(code.co_filename.startswith("<frozen importlib") for code in running)
+    if _cleanup_ends_s or not _is_in_command or is_in_import:
         with suppress(OSError):
             os.write(2, f"{INTERRUPTED_LINE}\n".encode())
         os._exit(INTERRUPTED_STATUS)
+    if any(code.co_name.startswith(_CALLBACKS) for code in running):
+        threading.Timer(_AFTER_CALLBACK_S, signal.raise_signal, (number,)).start()
+        return
     _cleanup_ends_s = now_s + _CLEANUP_S
     raise KeyboardInterrupt
 
 
-def _is_in_import(frame: FrameType | None) -> bool:
-    """Whether a module is being imported: some catch every exception while they are loaded."""
+def _running(frame: FrameType | None) -> Iterator[CodeType]:
+    """Code of the functions that run, from the innermost."""
     while frame is not None:
-        if frame.f_code.co_filename.startswith("<frozen importlib"):
-            return True
+        yield frame.f_code
         frame = frame.f_back
-    return False

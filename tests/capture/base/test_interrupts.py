@@ -29,7 +29,17 @@ clock = "real"
 """
 PROGRAM = """
 import signal, sys, time
+import llvmlite.binding as llvm
 from capture.base.interrupts import install_handlers, interruptible
+
+def compile(notify):
+    llvm.initialize_native_target()
+    llvm.initialize_native_asmprinter()
+    module = llvm.parse_assembly("define i32 @one() {{ ret i32 1 }}")
+    machine = llvm.Target.from_default_triple().create_target_machine()
+    engine = llvm.create_mcjit_compiler(module, machine)
+    engine.set_object_cache(notify)
+    engine.finalize_object()
 
 install_handlers()
 try:
@@ -126,6 +136,11 @@ def test_an_interrupt_that_an_import_would_swallow_ends_the_process(
             """try: signal.raise_signal(signal.SIGINT)
         finally: signal.raise_signal(signal.SIGTERM); print('cleaned up')""",
             "cleaned up\ninterrupted\n",
+        ),
+        # The compiler reports its code to a callback, in which every exception is swallowed.
+        (
+            """compile(lambda *_: signal.raise_signal(signal.SIGINT)); time.sleep(60.0)""",
+            "interrupted\n",
         ),
     ],
 )  # fmt: skip
