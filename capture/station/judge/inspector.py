@@ -289,37 +289,42 @@ class Inspector:
 
     def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
         """Why the set cannot be judged, whatever part it shows."""
-        for difference in setting_differences(self._taught.setting, captured.setting):
-            yield Finding(Cause.CALIBRATION, f"not the setting that was taught: {difference}")
-        if not fits(self.recipe.region, captured):
-            yield Finding(Cause.CALIBRATION, f"the region {self.recipe.region} exceeds the image")
-        yield from self._calibration_faults(captured)
+        texts = chain(self.faults_of(captured.setting), self._calibration_faults(captured))
+        yield from (Finding(Cause.CALIBRATION, text) for text in texts)
 
-    def _calibration_faults(self, captured: CapturedSet) -> Iterator[Finding]:
-        named, rule = captured.metadata.calibration_ids, self.recipe.calibration
+    def faults_of(self, setting: Setting) -> Iterator[str]:
+        """Yield why no set of a rig with this setting can be judged."""
+        for difference in setting_differences(self._taught.setting, setting):
+            yield f"not the setting that was taught: {difference}"
+        region = self.recipe.region
+        if not fits(region, (setting.height_px, setting.width_px)):
+            yield f"the region {region} exceeds the image"
+        if self.calibration is not None and not self._taught.has_calibration:
+            yield "the recipe was taught without a calibration"
+        if self.calibration is None and (
+            self.recipe.calibration.required or self._taught.has_calibration
+        ):
+            yield "the recipe needs a calibration; give the rig one"
+
+    def _calibration_faults(self, captured: CapturedSet) -> Iterator[str]:
+        named = captured.metadata.calibration_ids
         if self.calibration is None:
             if named:
-                yield Finding(
-                    Cause.CALIBRATION, "the set names a calibration, the station has none"
-                )
-            if rule.required or self._taught.has_calibration:
-                yield Finding(Cause.CALIBRATION, "the recipe needs a calibration; give the rig one")
+                yield "the set names a calibration, the station has none"
             return
         file = self.calibration.file
         if file.hash not in named:
-            yield Finding(Cause.CALIBRATION, "the set does not name the calibration of the station")
-        if not self._taught.has_calibration:
-            yield Finding(Cause.CALIBRATION, "the recipe was taught without a calibration")
+            yield "the set does not name the calibration of the station"
         try:
             at = datetime.fromisoformat(captured.metadata.created_utc)
         except ValueError:
-            yield Finding(Cause.CALIBRATION, "the set has no date")
+            yield "the set has no date"
             return
         at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
         for name, record in file.records.items():
-            fault = rule.age_fault(record.age_days(at))
+            fault = self.recipe.calibration.age_fault(record.age_days(at))
             if fault is not None:
-                yield Finding(Cause.CALIBRATION, f"{name.replace('_', ' ')} {fault}")
+                yield f"{name.replace('_', ' ')} {fault}"
 
     def _relative_levels(
         self, captured: CapturedSet, signals: tuple[float, ...]
@@ -379,6 +384,13 @@ def _timed(timings_ms: dict[str, float], step: str) -> Iterator[None]:
 
 class Collector:
     """Gives every part the verdict UNKNOWN: no part of such a run may pass."""
+
+    def __init__(self, recipe: Recipe, calibration: FoundCalibration | None = None) -> None:
+        self.recipe, self.calibration = recipe, calibration
+
+    def faults_of(self, setting: Setting) -> Iterator[str]:  # noqa: ARG002 - as an inspector
+        """Yield nothing: sets of any setting can be collected."""
+        yield from ()
 
     def begin(self, unchecked: CapturedSet) -> None:
         """Do nothing: no part is judged."""

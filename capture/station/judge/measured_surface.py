@@ -103,9 +103,9 @@ def _median(values: npt.NDArray[np.float32]) -> float:
     return float(np.median(values)) if values.size else float("nan")
 
 
-def fits(region: Region | None, captured: CapturedSet) -> bool:
-    """Whether the region lies within the images."""
-    rows, columns = captured.images.shape[1:]
+def fits(region: Region | None, shape: tuple[int, ...]) -> bool:
+    """Whether the region lies within images of (rows, columns)."""
+    rows, columns = shape
     return region is None or (
         region.x + region.width <= columns and region.y + region.height <= rows
     )

@@ -57,7 +57,7 @@ def run_station(
         else:
             first = loader.first(store, warn)
             live.publish(first.loaded)
-        rig = StationRig(config, rig_config, first.recipe, first.begin)
+        rig = StationRig(config, rig_config, first.inspector)
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
             warn(warning)
         recipes = RunRecipes(folder, loader, store, rig, first)

@@ -42,11 +42,13 @@ class UsableRecipe:
     """A recipe that may judge parts: approved, loaded, with its challenge set met."""
 
     judge: PartJudge
-    recipe: Recipe
-    # Called with the images of each part before their checks.
-    begin: Callable[[CapturedSet], None] = lambda _: None
-    calibration: FoundCalibration | None = None
+    inspector: Inspector | Collector
     by: str = ""  # who asked for it; empty for the recipe of the start
+
+    @property
+    def recipe(self) -> Recipe:
+        """The recipe."""
+        return self.inspector.recipe
 
     @cached_property
     def loaded(self) -> RecipeLoaded:
@@ -110,8 +112,7 @@ class RecipeLoader:
             "library_sha256": fingerprint.library_sha256,
             "calibration_sha256": fingerprint.calibration_sha256,
         }
-        judge = self._judge(inspector, fields, inspector.calibration)
-        return UsableRecipe(judge, recipe, inspector.begin, inspector.calibration, by)
+        return UsableRecipe(self._judge(inspector, fields), inspector, by)
 
     def collecting(self) -> UsableRecipe:
         """Return a recipe that judges nothing; an existing one still gives exposure and gain."""
@@ -123,25 +124,18 @@ class RecipeLoader:
             calibration = FoundCalibration(
                 self._calibration, read_calibration(self._calibration), ()
             )
-        collector = Collector()
-        return UsableRecipe(
-            self._judge(collector, {}, calibration), recipe, collector.begin, calibration
-        )
+        collector = Collector(recipe, calibration)
+        return UsableRecipe(self._judge(collector, {}), collector)
 
-    def _judge(
-        self,
-        inspector: Inspector | Collector,
-        fields: dict[str, Any],
-        calibration: FoundCalibration | None,
-    ) -> PartJudge:
+    def _judge(self, inspector: Inspector | Collector, fields: dict[str, Any]) -> PartJudge:
         def save(captured: CapturedSet, set_file: str) -> None:
             """Write the set of a part, with its calibration beside it."""
             path = self._folder.path / set_file
             if path.exists():
                 raise InputError(f"{path}: exists, and is not replaced; move it elsewhere")
             make_folder(path.parent)
-            if calibration is not None:
-                keep_beside(calibration.file, path)
+            if inspector.calibration is not None:
+                keep_beside(inspector.calibration.file, path)
             captured.save(path, home=path.parent.parent)  # not the folder with all sets of the day
 
         name = self._folder.config.name
@@ -185,10 +179,7 @@ class RunRecipes:
 
     def use(self, recipe: UsableRecipe) -> list[Check]:
         """Give the rig the settings of a recipe; return the recipe's checks."""
-        calibration = recipe.calibration
-        self._rig.use(
-            recipe.recipe, None if calibration is None else calibration.file, recipe.begin
-        )
+        self._rig.use(recipe.inspector)
         return self._checks_of(recipe)
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:
@@ -209,7 +200,8 @@ class RunRecipes:
         return self._checks_of(self.present)
 
     def _checks_of(self, recipe: UsableRecipe) -> list[Check]:
-        file = None if recipe.calibration is None else recipe.calibration.file
+        found = recipe.inspector.calibration
+        file = None if found is None else found.file
         return list(check_calibration_age(file, recipe.recipe.calibration))
 
     def _record(self, recipe: UsableRecipe, by: Asker) -> None:

@@ -144,6 +144,13 @@ def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -
     yield Check(name, "ok", f"{oldest_days} days old, the recipe allows {rule.max_age_days}")
 
 
+def check_setting(faults: Iterable[str]) -> Iterator[Check]:
+    """Report why no set of the rig could be judged."""
+    advice = "run the rig that was taught, or teach the recipe again"
+    for text in faults:
+        yield Check("taught rig", "fault", text, advice, "rig")
+
+
 def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
     """Check an open rig: dark with all LEDs off, light of each LED, and a white sheet.
 

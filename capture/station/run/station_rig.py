@@ -3,24 +3,24 @@
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from pathlib import Path
 from typing import Protocol
 
 from capture.acquisition.attempts import capture_set
 from capture.acquisition.hardware_set import ArrivedPart, wait_for_part
-from capture.calibration.lookup import read_calibration
 from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.simulated_parts import simulated_part
+from capture.station.judge.inspector import Collector, Inspector
 from capture.station.judge.judge import STOP_LED_LEVEL
 from classify.base.threads import beside_workers
 from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.lights.sequence import parts_seen
 
-from .self_test import check_rig, set_bytes
+from .self_test import check_rig, check_setting, set_bytes
 
 # Least time from the beginning of the wait to a simulated part: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
@@ -59,19 +59,16 @@ class StationRig:
         self,
         config: StationConfig,
         rig_config: RigConfig,
-        recipe: Recipe,
-        exposed: Callable[[CapturedSet], None] = lambda _: None,
+        inspector: Inspector | Collector,
     ) -> None:
-        self._config, self._given, self._exposed = config, rig_config, exposed
-        self._rig_config = self._with_light_of(recipe)
+        self._config, self._given, self._inspector = config, rig_config, inspector
+        self._rig_config = self._with_light_of(inspector.recipe)
         self._rig: Rig | None = None
         self._is_simulated = rig_config.is_simulated
         self._part: ArrivedPart | None = None
         # Number of parts of the sensor that are accounted for, and the controller that counts them.
         self._counted, self._controller = 0, ""
         self._parts: dict[str, int] = {}  # numbers of the last parts by the hash of their pixels
-        path = rig_config.calibration
-        self.calibration = None if path is None else read_calibration(Path(path))
 
     @property
     def is_simulated(self) -> bool:
@@ -83,15 +80,10 @@ class StationRig:
         """Size of a set's file."""
         return set_bytes(self._rig_config)
 
-    def use(
-        self,
-        recipe: Recipe,
-        calibration: CalibrationFile | None,
-        exposed: Callable[[CapturedSet], None],
-    ) -> None:
+    def use(self, inspector: Inspector | Collector) -> None:
         """Take the settings of another recipe; an open rig with other settings is opened anew."""
-        self.calibration, self._exposed = calibration, exposed
-        before, self._rig_config = self._rig_config, self._with_light_of(recipe)
+        self._inspector = inspector
+        before, self._rig_config = self._rig_config, self._with_light_of(inspector.recipe)
         if self._rig is not None and self._rig_config != before:
             self.close()
             self.open()
@@ -103,8 +95,9 @@ class StationRig:
 
     def test(self, *, is_start: bool) -> list[Check]:
         """Check the open rig; compare it with a white sheet at the start, if configured."""
-        has_sheet = is_start and self._config.plate_check
-        return check_rig(self._opened(), self.calibration if has_sheet else None)
+        has_sheet, rig = is_start and self._config.plate_check, self._opened()
+        wrong = check_setting(self._inspector.faults_of(Setting.of_rig(rig)))
+        return [*wrong, *check_rig(rig, self._calibration if has_sheet else None)]
 
     def wait_for_part(self, number: int, is_over: Callable[[], bool]) -> bool:
         """Wait until the sensor has seen a part and its first light is lit; False if `is_over`."""
@@ -147,9 +140,9 @@ class StationRig:
             self._place(number)
         captured = capture_set(
             rig,
-            calibration=self.calibration,
+            calibration=self._calibration,
             part=part,
-            exposed=self._exposed,
+            exposed=self._inspector.begin,
             least_level=STOP_LED_LEVEL,
         )
         self._require_new(captured.metadata.pixels_sha256, number)
@@ -165,6 +158,11 @@ class StationRig:
             # A rig that failed may not answer; its watchdog puts the LEDs out.
             with suppress(Exception):
                 rig.close()
+
+    @property
+    def _calibration(self) -> CalibrationFile | None:
+        found = self._inspector.calibration
+        return None if found is None else found.file
 
     def _require_new(self, pixels_sha256: str, number: int) -> None:
         """Refuse the pixels of an earlier part: the noise of two exposures differs."""

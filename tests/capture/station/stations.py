@@ -13,6 +13,7 @@ from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Decision, Verdict
+from capture.station.judge.inspector import Collector
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import ResultStore, open_store
 from capture.station.run.cycle import Station
@@ -138,7 +139,7 @@ class FakeRecipes:
 
     def usable(self, name: str, by: str = "") -> UsableRecipe:
         recipe = Recipe(name=name, passes=("rock",))
-        return UsableRecipe(self._judge_of(name), recipe, by=by)
+        return UsableRecipe(self._judge_of(name), Collector(recipe), by=by)
 
     def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
         self.asker, self.go_on = by, go_on

@@ -47,8 +47,8 @@ class TaughtPart:
 def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSurface]:
     """Load a set and solve it with the default solver for its lights."""
     loaded = LoadedSet.of(kept.path)
-    if not fits(region, loaded.captured):
-        rows, columns = loaded.captured.images.shape[1:]
+    rows, columns = loaded.captured.images.shape[1:]
+    if not fits(region, (rows, columns)):
         raise RecipeError(f"{kept.path}: {columns} x {rows} px; the region is {region}")
     return loaded, MeasuredSurface.of(loaded.captured, region, loaded.found_calibration, None)
 

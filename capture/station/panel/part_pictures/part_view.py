@@ -62,7 +62,8 @@ def part_view(folder: StationFolder, result: PartResult, path: Path) -> PartView
         region = judged.recipe.region
     except InputError as error:
         notes.append(f"the whole frame is shown, solved by the default method: {error}")
-    if not fits(region, captured):
+    frame = captured.images.shape[1:]
+    if not fits(region, frame):
         region = None
     method = None if judged is None else judged.method
     measured = MeasuredSurface.of(captured, region, loaded.found_calibration, method)
@@ -70,7 +71,7 @@ def part_view(folder: StationFolder, result: PartResult, path: Path) -> PartView
     outlines = _outlines(scores, region, result.defects)
     if result.defects and outlines is None:
         notes.append("the defects are boxes: their outlines cannot be made again")
-    frame, surface = captured.images.shape[1:], measured.surface
+    surface = measured.surface
 
     def placed(part: npt.NDArray[Any], outside: float = 0.0) -> npt.NDArray[Any]:
         if region is None:

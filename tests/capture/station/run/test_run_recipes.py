@@ -12,14 +12,19 @@ from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve, roll_back
 from capture.station.judge.challenge_set import add_to_challenge, challenge_sets
+from capture.station.judge.inspector import Collector
 from capture.station.results.audit import newest_changes
 from capture.station.results.store import ResultStore, open_store
+from capture.station.run.live_station import LiveStation
 from capture.station.run.run_recipes import RecipeLoader, RunRecipes
+from capture.station.run.self_test import SelfTestFailed
+from capture.station.run.states import State
 from capture.station.run.station_clock import StationClock
 from capture.station.run.station_rig import StationRig
 from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused
 from classify.base.errors import InputError
-from tests.capture.station.production import SMALL_RIG, configure
+from rig import RigConfig
+from tests.capture.station.production import SMALL_RIG, configure, run_parts
 from tests.capture.station.results.many import fill, many
 
 KIM = Asker("kim", "engineer")
@@ -46,7 +51,7 @@ def store(opened: StationFolder) -> Iterator[ResultStore]:
 @pytest.fixture
 def recipes(opened: StationFolder, loader: RecipeLoader, store: ResultStore) -> RunRecipes:
     first = loader.first(store, quiet)
-    rig = StationRig(opened.config, SMALL_RIG, first.recipe, first.begin)
+    rig = StationRig(opened.config, SMALL_RIG, first.inspector)
     return RunRecipes(opened, loader, store, rig, first)
 
 
@@ -113,17 +118,36 @@ def test_the_light_of_the_recipe_is_that_of_the_rig(
             opened_times += 1
             super().open()
 
-    rig = Watched(opened.config, SMALL_RIG, recipes.present.recipe)
+    rig = Watched(opened.config, SMALL_RIG, recipes.present.inspector)
     rig.open()
     RunRecipes(opened, loader, store, rig, recipes.present).use(recipes.present)
     assert opened_times == 1  # the settings are the same
     recipe = read_recipe(files.file)
     other = type(recipe).model_validate(recipe.model_dump() | {"light": {"exposure_ms": 12.0}})
-    rig.use(other, None, lambda _: None)
+    rig.use(Collector(other))
     assert opened_times == 2
     camera = rig.capture(1)[0].metadata.camera
     rig.close()
     assert camera.exposure_ms == 12.0
+
+
+@pytest.mark.parametrize(
+    ("other", "difference"),
+    [
+        (SMALL_RIG.model_copy(update={"name": "bench 2"}), "rig 'bench 2' instead of 'rig'"),
+        (SMALL_RIG.with_changes(camera={"bits": 10}), "10 bit instead of 12"),
+    ],
+)
+def test_a_rig_that_was_not_taught_fails_the_self_test_and_captures_no_part(
+    opened: StationFolder, other: RigConfig, difference: str
+) -> None:
+    live = LiveStation("line", simulated=True)
+    states: list[State] = []
+    with pytest.raises(SelfTestFailed, match="not the setting that was taught") as raised:
+        run_parts(opened.path, 1, lambda each: states.append(each.state.state), other, live)
+    assert difference in str(raised.value)
+    assert "teach the recipe again" in str(raised.value)
+    assert State.READY not in states
 
 
 def refusal(recipes: RunRecipes, name: str = "example") -> RecipeRefused:
@@ -172,7 +196,7 @@ def test_a_change_that_cannot_be_recorded_is_not_made(
     opened.path.joinpath("results.sqlite").unlink()
     opened.path.joinpath("results.sqlite").mkdir()
     with pytest.raises(RecipeRefused) as raised:
-        recipes.keep(replace(present, recipe=brass), KIM)
+        recipes.keep(replace(present, inspector=Collector(brass)), KIM)
     assert raised.value.kind is RecipeRefusal.DATABASE
     assert recipes.present is present
     assert first_recipe(opened) == "example"
