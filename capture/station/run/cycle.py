@@ -125,7 +125,11 @@ class Station:
 
     def resume(self) -> None:
         """Try again after a row of errors: somebody has seen one."""
-        self._errors = 0
+        with self._lock:
+            self._errors = 0
+            fault = self._live.state.fault
+            if self._live.state.is_stopped_by_errors and fault is not None:
+                self._live.change(Change.FAILED, replace(fault, in_a_row=0))
 
     def stop(self, error: BaseException | None = None) -> None:
         """Accept no further trigger; `run` ends after the parts in progress, with `error`."""

@@ -365,6 +365,7 @@ def test_an_operator_acknowledges_errors_in_a_row_of_which_no_part_was_begun(
             assert panel.local.post("/api/v1/trigger").status == 409
     assert panel.live.state.rejected == ()
     assert panel.local.post("/api/v1/acknowledge").status == 200
+    assert panel.local.post("/api/v1/acknowledge").status == 409  # a second click
     panel.until_ready()
     assert panel.parts(1)
     [change] = panel.client(Role.ENGINEER).get("/api/v1/audit").json["changes"]

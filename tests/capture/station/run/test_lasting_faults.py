@@ -67,10 +67,13 @@ def test_an_endless_row_of_errors_stops_the_line_until_somebody_resumes(
     station.run(Manual(feed), stop_after_errors=LIMIT, buffers=1)
     decisions = [announced.result.verdict.decision for announced in station.of(PartAnnounced)]
     assert decisions == [*LIMIT * [Decision.ERROR], Decision.PASS]
-    reasons = [change.reason for change in station.of(StateChanged) if change.state is State.ERROR]
+    *_, stopped, resumed = (
+        change.reason for change in station.of(StateChanged) if change.state is State.ERROR
+    )
     cause = "LED 1 gives 61 %" if fault is rejected else "the camera was unplugged"
-    assert cause in reasons[-1]
-    assert "stop_after_errors" in reasons[-1]
+    assert stopped.startswith(f"{resumed}; {LIMIT} errors in a row")
+    assert cause in resumed
+    assert "stop_after_errors" in stopped
 
 
 def test_a_part_that_is_judged_ends_the_row_of_errors(station: Bench) -> None:
