@@ -36,9 +36,9 @@ def check_set(
     An LED of at least `least_level` of the others' light is accepted if the retake confirms it.
     """
     calibrated = images.calibrated(calibration)
+    _check_different(images)
     ambient_change = _check_ambient(images)
     check_images(images)
-    _check_different(images)
     agreement = calibrated.agreement()
     weak = _weak_leds(agreement, calibrated, least_level)
     undecided = (*weak, *_retake_reasons(agreement))

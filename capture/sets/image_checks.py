@@ -88,16 +88,15 @@ class LightImages:
             return None
 
     def equal_rows(self) -> Iterator[tuple[str, str, int, int]]:
-        """Pairs of light images with their numbers of equal and of comparable rows."""
-        textured = [np.ptp(image, axis=1) > 1 for image in self.images]
+        """Pairs of images with their numbers of equal and of comparable rows."""
         step = max(1, self.images.shape[2] // _PROBED_COLUMNS)
-        for first, second in combinations(range(len(self.images)), 2):
-            a, b = self.images[first], self.images[second]
-            rows = np.flatnonzero(textured[second] & (a[:, ::step] == b[:, ::step]).all(axis=1))
-            equal = int(np.count_nonzero((a[rows] == b[rows]).all(axis=1)))
-            if equal:
-                comparable = int(np.count_nonzero(textured[second]))
-                yield self.names[first], self.names[second], equal, comparable
+        named = zip((*self.names, "ambient light"), (*self.images, self.ambient), strict=True)
+        for (first, a), (second, b) in combinations(named, 2):
+            rows = np.flatnonzero((a[:, ::step] == b[:, ::step]).all(axis=1))
+            is_equal = (a[rows] == b[rows]).all(axis=1) & (np.ptp(b[rows], axis=1) > 1)
+            if is_equal.any():
+                comparable = int(np.count_nonzero(np.ptp(b, axis=1) > 1))
+                yield first, second, int(np.count_nonzero(is_equal)), comparable
 
 
 def _mean(image: Array) -> float:

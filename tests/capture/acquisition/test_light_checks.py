@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from capture import SetRejected
-from capture.acquisition.light_checks import check_images
+from capture.acquisition.light_checks import check_images, check_set
 from capture.sets.image_checks import LightImages
-from classify import Lighting
+from classify import Calibration, Lighting
 
 NAMES = ("LED 0", "LED 1", "LED 2", "LED 3")
 TOP = 4095
@@ -38,6 +38,14 @@ def test_a_saturated_dark_or_weak_image_is_rejected_with_its_value(
 ) -> None:
     with pytest.raises(SetRejected, match=f"^set rejected: {message}"):
         check(levels, ambient, saturated_pixels)
+
+
+def test_an_ambient_image_that_is_a_light_image_is_named_as_such() -> None:
+    images = np.random.default_rng(0).integers(500, 2000, (4, 20, 50), np.uint16)
+    lighting = Lighting.ring(45.0)
+    repeated = LightImages(images, images[2].copy(), None, lighting, NAMES, TOP, None)
+    with pytest.raises(SetRejected, match=r"under LED 2 and ambient light are the same in 20 of"):
+        check_set(repeated, Calibration(), lambda: images)
 
 
 def test_all_causes_are_named_at_once() -> None:
