@@ -115,6 +115,12 @@ def capture(
                 f"--orientation {orientation:g}: the simulated part is at {rotate_deg:g} degrees; "
                 f"give --rotate {orientation:g} instead"
             )
+        camera, placed = config.camera, config.simulation.placement
+        for outside in placed.defects_outside(camera.width_px, camera.height_px):
+            complain(
+                f"warning: {outside.kind} at {outside.x_px:g}, {outside.y_px:g}: outside the frame "
+                f"of {camera.width_px} x {camera.height_px} px at {rotate_deg:g} degrees"
+            )
     describe = partial(
         described, specimen=specimen, operator=operator, note=note, orientation_deg=orientation
     )

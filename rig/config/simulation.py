@@ -1,5 +1,7 @@
 """The section ``[simulation]`` of ``rig.toml``, for simulated rigs: hardware, defects, faults."""
 
+import math
+from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, FiniteFloat, model_validator
@@ -142,6 +144,15 @@ class Placement(Section):
     seed: int = Field(default=1, ge=0, lt=2**63)
     size_mm: float | None = Field(default=None, ge=1e-3, le=1e4)
     defects: tuple[Defect, ...] = Field(default=(), strict=False, max_length=100)
+
+    def defects_outside(self, width_px: int, height_px: int) -> Iterator[Defect]:
+        """Yield the defects of which a frame of this size shows nothing."""
+        cos, sin = math.cos(math.radians(self.rotate_deg)), math.sin(math.radians(self.rotate_deg))
+        for defect in self.defects:
+            right, up = defect.x_px - self.shift_px[0], defect.y_px - self.shift_px[1]
+            x, y, reach = cos * right - sin * up, sin * right + cos * up, 0.5 * defect.size_px
+            if abs(x) - reach > 0.5 * width_px or abs(y) - reach > 0.5 * height_px:
+                yield defect
 
 
 class SimulationConfig(Section):

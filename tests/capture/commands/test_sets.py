@@ -59,6 +59,18 @@ def test_the_set_contains_the_options_of_the_simulated_rig(ps4rig: Command, tmp_
     assert all(len(image.frames) == 2 for image in metadata.images)
 
 
+def test_a_defect_outside_the_frame_is_warned_of(ps4rig: Command, tmp_path: Path) -> None:
+    result = ps4rig(
+        "capture", "--rig", "sim", "--size", 64, "--shift-px", 0, 10, "--rotate", 0, "--rotate", 90,
+        "--defect", "stain,0,38,20", "--defect", "dent,40,12,10", tmp_path / "a.ome.tif",
+    )  # fmt: skip
+    assert result.exit_code == 0
+    assert result.stderr.splitlines() == [
+        f"ps4rig: warning: dent at 40, 12: outside the frame of 64 x 64 px at {degrees} degrees"
+        for degrees in (0, 90)
+    ]
+
+
 def test_a_calibration_target_is_captured_although_its_shading_is_that_of_no_surface(
     ps4rig: Command, refused: Refused, in_folder: Path
 ) -> None:
