@@ -55,6 +55,16 @@ _PNG_PALETTE, _PNG_GREY_ALPHA = 3, 4
 _PNG_TEXTS = (b"EXt", b"TXt")
 _PNG_METADATA = ("eXIf", "XML:com.adobe.xmp", "exif:Orientation", "iCCP", "sRGB", "gAMA", "cICP")
 
+_RAW = (".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
+_REMEDIES = {
+    **dict.fromkeys(
+        _RAW,
+        "; convert it to DNG, as with Adobe DNG Converter or dnglab, and "
+        "pip install 'ps4rig[dng]' to read it",
+    ),
+    **dict.fromkeys((".heic", ".heif"), "; save it as TIFF or PNG of full size"),
+}
+
 
 def read_image(path: Path) -> _Image:
     """Read an image as (H, W) grey or (H, W, 3) RGB, uint8 or uint16; alpha is left out.
@@ -78,7 +88,8 @@ def read_image_file(path: Path) -> tuple[_Image, ImageMetadata]:
         ".dng": ("DNG", partial(_tiff, is_raw=True)),
     }  # fmt: skip
     if path.suffix.lower() not in readers:
-        raise InputError(f"{path}: images come as PNG, JPEG, TIFF, TGA or DNG")
+        remedy = _REMEDIES.get(path.suffix.lower(), "")
+        raise InputError(f"{path}: images come as PNG, JPEG, TIFF, TGA or DNG{remedy}")
     kind, reader = readers[path.suffix.lower()]
     content = read_regular_file(path, _MAX_BYTES)
     try:

@@ -152,6 +152,8 @@ def test_a_damaged_tiff_is_refused(tmp_path: Path, capfd: Any, compression: int)
 def test_other_files_are_named(tmp_path: Path, capfd: Any) -> None:
     for name, content, message in (
         ("a.gif", b"GIF89a", "images come as PNG, JPEG, TIFF, TGA or DNG"),
+        ("a.CR2", b"II*\0", "images come as PNG, JPEG, TIFF, TGA or DNG; convert it to DNG"),
+        ("a.HEIC", b"ftyp", "images come as PNG, JPEG, TIFF, TGA or DNG; save it as TIFF"),
         ("a.png", b"hello IEND", "not a complete PNG"),
         ("a.jpg", b"hello \xff\xd9", "not a complete JPEG"),
         ("a.tif", b"hello", "not a complete TIFF image"),
