@@ -26,13 +26,15 @@ from classify import (
 )
 from classify.base.arrays import FloatMap
 from classify.base.durable_file import durable_file, make_folder
+from classify.texture.orientation import LEAST_SHARPNESS
 from rig import ControllerIdentity, Placement, Rig, RigConfig, open_rig, surface_names
 
 _COLUMNS = ("true", "found", "true, °", "found, °", "distance", "runner-up", "margin")
 
 _ANGLE_NOTE = (
-    "Angles are modulo 180 degrees. A texture without direction (rock, malv) has none, and one "
-    "that looks the same after 90 degrees (Tiles036) is known modulo 90 only."
+    "Angles are modulo 180 degrees. A question mark marks a texture with little or no direction: "
+    "its angle is not reliable. A texture that looks the same after 90 degrees (Tiles036) is known "
+    "modulo 90 only."
 )
 
 
@@ -73,11 +75,12 @@ def _write_report(
 def _cells_of(trial: Trial) -> tuple[str, ...]:
     """Texts of a row of the table, one for each of `_COLUMNS`."""
     match = trial.match
+    is_clear = match.sharpness is not None and match.sharpness >= LEAST_SHARPNESS
     return (
         trial.label,
         match.label or "unknown",
         f"{trial.orientation_deg or 0.0:.1f}",
-        f"{match.orientation_deg:.1f}",
+        f"{match.orientation_deg:.1f}{'' if is_clear else ' ?'}",
         f"{match.distance:.4f}",
         match.runner_up or "-",
         "-" if match.margin is None else f"{match.margin:.2f}",

@@ -25,6 +25,11 @@ def test_the_demo_captures_trains_classifies_and_reports(
     assert total == 24
     assert right >= 23
 
+    # The angle of a texture with a weak direction is marked.
+    for name, is_marked in (("concrete_wall_005", True), ("malv", True), ("Bark014", False)):
+        rows = re.findall(rf"{name} +{name} +\S+ +(\S+( \?)?) ", result.stdout)
+        assert [bool(mark) for _, mark in rows] == [is_marked, is_marked]
+
     names = surface_names()
     assert len(names) == 12
     sets = sorted(path.name for path in (output / "sets").iterdir())
