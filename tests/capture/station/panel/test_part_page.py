@@ -167,6 +167,21 @@ def test_three_presses_lead_from_the_verdict_to_the_defect(
 
 
 @pytest.mark.browser
+def test_a_long_list_of_defects_is_not_cut_on_a_telephone(
+    panel: RunningPanel, browser: Chromium
+) -> None:
+    panel.bench.inspector.inspect = lambda _: Scratched(defects=12 * (SCRATCH,))
+    (part_id,) = panel.parts(1)
+    page = browser.page(f"{panel.url}parts/{part_id}")
+    page.show(390, 844)
+    page.until(SHOWN)
+    assert page.value("defects.scrollHeight <= defects.clientHeight")
+    assert page.value("views.offsetTop < defects.offsetTop")
+    page.show(1280, 800)
+    assert page.value("defects.scrollHeight > defects.clientHeight")
+
+
+@pytest.mark.browser
 def test_a_part_whose_set_was_removed_keeps_its_numbers_and_says_so(
     scratched: RunningPanel, browser: Chromium
 ) -> None:
