@@ -25,6 +25,9 @@ router = APIRouter(prefix=V1)
 _MEDIA_TYPE = "text/event-stream"
 # Some streams stay free for other accounts and clients than one.
 MOST_OF_ONE = 32
+# Pause before a stream ends the oldest one: clients that reconnect at once end each other's streams
+# without pause.
+TAKEN_OVER_S = 2.0
 
 
 @contextmanager
@@ -94,6 +97,8 @@ async def _messages(
     may_go_on: Callable[[], Awaitable[bool]],
     own_streams: list[Subscription],
 ) -> AsyncIterator[str]:
+    if len(own_streams) >= MOST_OF_ONE:
+        await asyncio.sleep(TAKEN_OVER_S)
     # Subscribe when the stream begins: one that never begins would keep its subscription.
     with subscribed(live, own_streams) as (subscription, changed):
         yield f"retry: {_RETRY_MS}\n\n"
@@ -104,7 +109,8 @@ async def _messages(
         due_s, check = loop.time() + KEEP_ALIVE_S, None
         while not is_closed:
             with suppress(TimeoutError):
-                await asyncio.wait_for(changed.wait(), max(due_s - loop.time(), 0.0))
+                async with asyncio.timeout_at(due_s):
+                    await changed.wait()
             if loop.time() >= due_s:  # sent also where events never pause
                 yield ": still here\n\n"
                 due_s = loop.time() + KEEP_ALIVE_S

@@ -5,7 +5,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, ClassVar
 
 import h11
 import uvicorn
@@ -21,6 +21,9 @@ from .panel import Panel
 MAX_CONNECTIONS = 256
 # Four addresses can take all. A proxy has one address, and a limit of its own.
 MOST_OF_AN_ADDRESS = 64
+# A refused connection is held for so long, and up to so many of them: a client that tries again at
+# once would keep a processor busy.
+REFUSED_S, _MOST_REFUSED = 2.0, 512
 # The head of a request takes one packet. What is slower holds a connection that others need.
 HEAD_S = 10.0
 _MAX_HEAD_BYTES = 16 * 1024
@@ -34,13 +37,24 @@ class _Protocol(H11Protocol):
 
     _request: asyncio.TimerHandle | None = None
     _drain: asyncio.TimerHandle | None = None
+    _refused: ClassVar[set[H11Protocol]] = set()
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
         if len(self.connections) > MAX_CONNECTIONS or self._is_one_too_many():
-            transport.abort()
+            self._refuse()
             return
         self._expect_request()
+
+    def _refuse(self) -> None:
+        """Close the connection, which counts no more, after a pause."""
+        self.connections.discard(self)
+        if len(self._refused) >= _MOST_REFUSED:
+            self.transport.abort()
+            return
+        self._refused.add(self)
+        self.transport.pause_reading()
+        self._request = self.loop.call_later(REFUSED_S, self.transport.abort)
 
     def _is_one_too_many(self) -> bool:
         """Whether the address of this connection has too many."""
@@ -54,6 +68,7 @@ class _Protocol(H11Protocol):
         for timer in (self._request, self._drain):
             if timer is not None:
                 timer.cancel()
+        self._refused.discard(self)
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:

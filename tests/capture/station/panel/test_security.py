@@ -23,7 +23,7 @@ from capture.station.domain.roles import Role
 from capture.station.domain.users import Users
 from capture.station.panel import event_stream, listening, security, server
 from capture.station.panel.security import MAX_BODY_BYTES, BodyLimit, HostRule, Slots
-from capture.station.panel.server import MAX_CONNECTIONS, MOST_OF_AN_ADDRESS
+from capture.station.panel.server import MAX_CONNECTIONS, MOST_OF_AN_ADDRESS, REFUSED_S
 from capture.station.panel.sessions import (
     FAILURES_OF_A_NAME,
     FAILURES_OF_AN_ADDRESS,
@@ -370,9 +370,12 @@ def test_a_client_that_does_not_read_is_cut_off(
 def test_the_connections_of_one_address_leave_room_for_others(panel: RunningPanel) -> None:
     idle = [connected(panel, "127.0.0.2") for _ in range(MOST_OF_AN_ADDRESS)]
     try:
+        began_s = time.monotonic()
         with connected(panel, "127.0.0.2") as raw, suppress(ConnectionError):
             raw.sendall(b"GET / HTTP/1.1\r\n")
             assert raw.recv(1) == b""
+        # A client that tries again at once does not keep the processor busy.
+        assert time.monotonic() - began_s > 0.9 * REFUSED_S
         assert panel.local.get("/api/v1/state").status == 200
     finally:
         for each in idle:
@@ -415,7 +418,10 @@ def test_the_oldest_stream_of_one_client_ends(
             assert b"event: snapshot\n" in lines
             return lines
 
-        other, first, second, third = (stream(tokens[which]) for which in (1, 0, 0, 0))
+        other, first, second = (stream(tokens[which]) for which in (1, 0, 0))
+        began_s = time.monotonic()
+        third = stream(tokens[0])
+        assert time.monotonic() - began_s > 0.9 * event_stream.TAKEN_OVER_S
         assert b"0\r\n" in first  # the end of the answer
         with_users.live.announce({"event": "filler"})
         for lines in (other, second, third):
