@@ -20,14 +20,17 @@ def corners_at(
     shift: tuple[float, float] = (0.0, 0.0),
     k1: float = 0.0,
     square_px: float = SQUARE_PX,
+    k2: float = 0.0,
+    focal_px: float = FOCAL_PX,
 ) -> np.ndarray:
     """Pixels of the corners of a board at the distance of the focal length."""
     x, y = np.meshgrid(np.arange(CORNERS[0]) - 4.0, np.arange(CORNERS[1]) - 2.5)
     board = square_px * np.stack([x.ravel(), y.ravel(), 0.0 * x.ravel()], axis=1)
     turn = cv2.Rodrigues(np.array([*tilt, 0.0]))[0] @ cv2.Rodrigues(np.array([0, 0, rotation]))[0]
-    points = board @ turn.T + (*shift, FOCAL_PX)
+    points = board @ turn.T + (*shift, focal_px)
     flat = points[:, :2] / points[:, 2:]
-    return MIDDLE + FOCAL_PX * flat * (1.0 + k1 * (flat**2).sum(axis=1, keepdims=True))
+    squared = (flat**2).sum(axis=1, keepdims=True)
+    return MIDDLE + focal_px * flat * (1.0 + k1 * squared + k2 * squared**2)
 
 
 def picture(square_px: float = SQUARE_PX, rotation: float = 0.0) -> np.ndarray:
@@ -88,6 +91,13 @@ def test_distortion_is_what_the_lens_does() -> None:
     to_corner = float(np.linalg.norm(MIDDLE))
     assert radius * (1.0 - 0.25 * radius**2) * FOCAL_PX == pytest.approx(to_corner, abs=0.1)
     assert found.distortion_px == pytest.approx(0.25 * to_corner**3 / FOCAL_PX**2, rel=0.02)
+
+
+def test_a_wide_lens_has_its_scale_within_the_stated_error() -> None:
+    noise = 0.03 * np.random.default_rng(1).standard_normal((54, 2))
+    board = corners_at(k1=-0.35, square_px=60.0, k2=0.15, focal_px=500.0, shift=(5.0, 5.0)) + noise
+    found = scale_of_boards([board], CORNERS, SQUARE_MM, FRAME)
+    assert found.scale.mm_per_px == pytest.approx(SQUARE_MM / 60.0, rel=found.scale.error)
 
 
 def test_tilted_placements_give_the_focal_length() -> None:
