@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -13,7 +11,6 @@ from .utc_time import local_time
 
 if TYPE_CHECKING:
     from jinja2 import Environment
-    from matplotlib.figure import Figure
 
 _TEMPLATES = Path(__file__).parents[1]
 
@@ -45,19 +42,3 @@ def templates(folder: Path = _TEMPLATES) -> Environment:
 def number_text(value: float) -> str:
     """Return three digits of a number, with a minus sign."""
     return f"{value:.3g}".replace("-", "\N{MINUS SIGN}")
-
-
-def svg_uri(figure: Figure) -> str:
-    """Return the address of a figure as an SVG image, whose names cannot collide with others."""
-    text = io.BytesIO()
-    # A date would make two equal pages differ.
-    figure.savefig(text, format="svg", metadata={"Date": None})
-    return "data:image/svg+xml;base64," + base64.b64encode(text.getvalue()).decode("ascii")
-
-
-_COLOURS = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214", "#01665e", "#555555", "#c51b7d")
-
-
-def curve_colour(number: int) -> str:
-    """Return the colour of a curve, numbered from 0; they repeat after eight."""
-    return _COLOURS[number % len(_COLOURS)]

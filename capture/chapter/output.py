@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 from markupsafe import Markup
 
+from capture.base.chart import png_of
 from capture.base.console import progress
 from capture.base.page import rendered
 from classify.base.durable_file import durable_file
@@ -165,17 +166,11 @@ def _page(
 
 
 def _drawn(draw: Callable[[Figure], None], size_in: tuple[float, float]) -> bytes:
-    # Without pyplot: it would look for a window system and keep every figure in memory.
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=size_in, layout="constrained")
     draw(figure)
-    FigureCanvasAgg(figure)
-    png = io.BytesIO()
-    # Without the version of matplotlib in it, equal numbers give equal files.
-    figure.savefig(png, format="png", dpi=_DPI, metadata={"Software": None})
-    return png.getvalue()
+    return png_of(figure, _DPI)
 
 
 def _table(exhibit: Exhibit) -> _Table:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from capture.base.page import curve_colour
+from capture.base.chart import curve_colour
 from classify.base.arrays import Array
 
 if TYPE_CHECKING:

@@ -11,7 +11,8 @@ from matplotlib.axes import Axes
 from matplotlib.dates import ConciseDateFormatter
 from matplotlib.figure import Figure
 
-from capture.base.page import curve_colour, rendered, svg_uri
+from capture.base.chart import GRID, LETTERS_PT, chart_axes, curve_colour, svg_uri
+from capture.base.page import rendered
 from capture.base.utc_time import readable_utc
 from capture.maps import pictures
 from capture.maps.pictures import tile_uri
@@ -24,14 +25,11 @@ from .journal import SetEntry
 from .report_analysis import Separation, SessionAnalysis, SpecimenResult
 
 _MARKS = "osD^v<>Ph*"
-_GRID = "#dddddd"
-# Letters have 10 px or more where a telephone shows a figure of this width on 358 px.
-_WIDTH_IN, _LETTERS_PT = 4.4, 9
 
 
 def _levels_figure(entries: Sequence[SetEntry]) -> str:
     """Draw the level of each light over time, relative to the first set of each specimen."""
-    figure, axes = _figure(2.8)
+    figure, axes = chart_axes(2.8)
     first: dict[tuple[str, int], tuple[float, ...]] = {}
     # A session may be resumed on a rig with another number of lights.
     curves: dict[int, list[tuple[float, float]]] = {}
@@ -59,7 +57,7 @@ def _levels_figure(entries: Sequence[SetEntry]) -> str:
 
 def _orientations_figure(entries: Sequence[SetEntry]) -> str:
     """Draw how far the estimated orientation of each set is from the entered one."""
-    figure, axes = _figure(2.8)
+    figure, axes = chart_axes(2.8)
     for number, specimen in enumerate(dict.fromkeys(entry.piece for entry in entries)):
         points = [
             (entry.entered_deg, off_deg)
@@ -71,7 +69,7 @@ def _orientations_figure(entries: Sequence[SetEntry]) -> str:
                 *zip(*points, strict=True), _mark(number), markersize=4, color=curve_colour(number),
                 label=specimen,
             )  # fmt: skip
-    axes.axhline(0.0, color=_GRID, zorder=0)
+    axes.axhline(0.0, color=GRID, zorder=0)
     axes.set_xlabel("entered, degrees")
     axes.set_ylabel("estimated - entered")
     _legend(figure, axes)
@@ -89,7 +87,7 @@ def _orientation_error_deg(entry: SetEntry) -> float | None:
 
 def _matrix_figure(separation: Separation) -> str:
     """Draw the dissimilarities of the specimens, in the order of their dendrogram."""
-    figure, axes = _figure(_height_in(separation))
+    figure, axes = chart_axes(_height_in(separation))
     axes.grid(visible=False)
     order = separation.tree.order
     image = axes.imshow(separation.dissimilarities[np.ix_(order, order)], cmap="viridis")
@@ -102,7 +100,7 @@ def _matrix_figure(separation: Separation) -> str:
 
 def _tree_figure(separation: Separation) -> str:
     """Draw the dendrogram of the specimens."""
-    figure, axes = _figure(_height_in(separation))
+    figure, axes = chart_axes(_height_in(separation))
     axes.grid(visible=False)
     for branch in separation.tree.branches:
         axes.plot(branch[:, 0], branch[:, 1], color=curve_colour(0), linewidth=1.0)
@@ -126,7 +124,7 @@ def _height_in(separation: Separation) -> float:
 
 def _map_figure(separation: Separation) -> str:
     """Draw all sets in a plane in which near sets look alike."""
-    figure, axes = _figure(3.6)
+    figure, axes = chart_axes(3.6)
     for number, specimen in enumerate(separation.specimens):
         chosen = [entry.piece == specimen for entry in separation.entries]
         axes.plot(
@@ -147,24 +145,14 @@ def _spectrum_figure(spectra: Spectra) -> str:
         angles = np.linspace(0.0, 2.0 * np.pi, len(around))
         axes.plot(angles, around, color=curve_colour(number), linewidth=1.0)
     axes.set_yticklabels([])
-    axes.tick_params(labelsize=_LETTERS_PT)
+    axes.tick_params(labelsize=LETTERS_PT)
     return svg_uri(figure)
-
-
-def _figure(height_in: float) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(_WIDTH_IN, height_in), layout="constrained")
-    axes = figure.subplots()
-    axes.grid(visible=True, color=_GRID, linewidth=0.5)
-    axes.tick_params(labelsize=_LETTERS_PT)
-    axes.xaxis.label.set_fontsize(_LETTERS_PT)
-    axes.yaxis.label.set_fontsize(_LETTERS_PT)
-    return figure, axes
 
 
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, _ = axes.get_legend_handles_labels()
     if 0 < len(handles) <= 40:
-        figure.legend(fontsize=_LETTERS_PT, loc="outside lower center", ncols=4, frameon=False)
+        figure.legend(fontsize=LETTERS_PT, loc="outside lower center", ncols=4, frameon=False)
 
 
 def _mark(number: int) -> str:

@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Ellipse, Rectangle
 
-from capture.base.page import number_text, rendered, svg_uri
+from capture.base.chart import LETTERS_PT, chart_axes, svg_uri
+from capture.base.page import number_text, rendered
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import PART_NAMES, PartName, Setting
 from capture.maps.pictures import ColourScale
@@ -248,7 +248,7 @@ def _frame(setting: Setting) -> Floats:
     return np.array([setting.width_px, setting.height_px], np.float64)
 
 
-_SIDE_IN, _LETTERS_PT = 3.2, 9
+_SIDE_IN = 3.2
 _MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
 # An ellipse of two standard errors holds a position with 86 %.
 _STANDARD_ERRORS = 2.0
@@ -272,7 +272,8 @@ def _lights(lights: CalibratedLights, scale: Scale | None, frame: Floats, up: in
     positions = lights.lighting.positions_px
     per_px, unit = (1.0, "px") if scale is None else (scale.mm_per_px, "mm")
     places = lights.lighting.directions if positions is None else per_px * positions
-    figure, axes = _figure()
+    figure, axes = chart_axes(_SIDE_IN, _SIDE_IN)
+    axes.set_aspect("equal")
     reach = float(np.abs(places[:, [0, up]]).max())
     if positions is not None:
         axes.set_xlabel(unit)
@@ -291,7 +292,7 @@ def _lights(lights: CalibratedLights, scale: Scale | None, frame: Floats, up: in
     axes.scatter(places[:, 0], places[:, up], s=8, color=_LED)
     for (x, y), indices in names.items():  # lights behind each other share their text
         axes.annotate(
-            ", ".join(indices), (reach * x, reach * y), (3, 3), fontsize=_LETTERS_PT,
+            ", ".join(indices), (reach * x, reach * y), (3, 3), fontsize=LETTERS_PT,
             textcoords="offset points",
         )  # fmt: skip
     axes.set_xlim(-_MARGIN * reach, _MARGIN * reach)
@@ -319,7 +320,8 @@ def _ellipse(point: Floats, covariance: Floats) -> Ellipse:
 
 def _response_curve(response: Response) -> Figure:
     """Draw linear light over the pixel value, both from 0 to full scale, and a linear camera."""
-    figure, axes = _figure()
+    figure, axes = chart_axes(_SIDE_IN, _SIDE_IN)
+    axes.set_aspect("equal")
     axes.plot([0.0, 1.0], [0.0, 1.0], color=_GREY)
     axes.plot(np.linspace(0.0, 1.0, len(response.curve)), response.curve)
     axes.set_xlabel("pixel value / full scale")
@@ -329,17 +331,10 @@ def _response_curve(response: Response) -> Figure:
 
 def hot_pixel_map(dark: Dark, frame: Floats) -> Figure:
     """Draw the places of hot pixels in the frame (width, height in px)."""
-    figure, axes = _figure()
+    figure, axes = chart_axes(_SIDE_IN, _SIDE_IN)
+    axes.set_aspect("equal")
     rows, columns = dark.hot_pixels[:_MOST_DOTS].T
     axes.scatter(columns, rows, s=6, color=_ERROR)
     axes.set_xlim(-0.5, frame[0] - 0.5)
     axes.set_ylim(frame[1] - 0.5, -0.5)
     return figure
-
-
-def _figure() -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(_SIDE_IN, _SIDE_IN), layout="constrained")
-    axes = figure.subplots()
-    axes.set_aspect("equal")
-    axes.tick_params(labelsize=_LETTERS_PT)
-    return figure, axes

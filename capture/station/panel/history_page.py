@@ -12,7 +12,7 @@ from classify.base.errors import InputError
 from .api import PARTS, Below, newest_parts
 from .filters import FilterForm, StatisticsFilters, selection_of
 from .guard import ByOperator, Turn
-from .render import page
+from .render import page, slow_page
 from .statistics import statistics_of
 
 router = APIRouter(include_in_schema=False)
@@ -58,7 +58,7 @@ def _statistics(call: ByOperator, _: Turn) -> Response:
         message = str(error)
     else:
         statistics = statistics_of(call.panel, selection)
-    return page(
+    return slow_page(
         call,
         "statistics.html",
         400 if message else 200,

@@ -5,7 +5,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from starlette.responses import HTMLResponse, JSONResponse
+from jinja2 import Template
+from starlette.responses import HTMLResponse, JSONResponse, StreamingResponse
 
 from capture.base.page import templates
 from capture.base.utc_time import local_zone
@@ -39,7 +40,21 @@ class JsonAnswer(JSONResponse):
 
 
 def page(call: "Call", template: str, status: int = 200, **values: Any) -> HTMLResponse:
-    """Return the page of a template, which gets the names in `about`, and `values`."""
+    """Return the page of a template with some values."""
+    made, values = _template(call, template, status, values)
+    return HTMLResponse(made.render(values), status)
+
+
+def slow_page(call: "Call", template: str, status: int = 200, **values: Any) -> StreamingResponse:
+    """Return a page that is sent while a thread still makes the rest of it."""
+    made, values = _template(call, template, status, values)
+    return StreamingResponse(made.generate(values), status, media_type="text/html")
+
+
+def _template(
+    call: "Call", template: str, status: int, values: dict[str, Any]
+) -> tuple[Template, dict[str, Any]]:
+    """Return a template, and its values with those of every page."""
     who = call.who
     menu = [each for each in _MENU if who is not None and who.role.includes(each[-1])]
     about = {
@@ -52,5 +67,4 @@ def page(call: "Call", template: str, status: int = 200, **values: Any) -> HTMLR
         "zone": local_zone(),
         "version": version("ps4rig"),
     }
-    text = templates(_HERE / "templates").get_template(template).render(about | values)
-    return HTMLResponse(text, status)
+    return templates(_HERE / "templates").get_template(template), about | values

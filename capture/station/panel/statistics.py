@@ -22,8 +22,7 @@ from capture.station.run.control_chart import ChartHistory, chart_histories
 from classify.base.errors import InputError
 from rig.config.lights import led_names
 
-from .charts.charts import MOST_SHARES, causes_chart, control_chart, gauge_chart, yield_chart
-from .charts.drawing import Drawing
+from .charts import MOST_SHARES, Chart, causes_chart, control_chart, gauge_chart, yield_chart
 from .panel import Panel
 
 _Cell = str | int | float | None
@@ -38,7 +37,7 @@ class Figure:
     note: str  # how to read it
     columns: tuple[str, ...]
     rows: tuple[tuple[_Cell, ...], ...]
-    drawing: Drawing
+    chart: Chart
     remarks: tuple[str, ...] = ()  # points that stand out, one fact each
 
 

@@ -9,7 +9,6 @@ from capture.base.outputs import csv_line
 
 from .answers import answer, media
 from .api import Numbers
-from .charts.chart_png import drawing_png
 from .filters import StatisticsFilters
 from .guard import V1, ByOperator, Call, Turn
 from .render import JsonAnswer
@@ -69,7 +68,7 @@ def _statistics_png(call: ByOperator, _: Turn, name: str, filters: _Selected) ->
         *(f"{name} {value}" for name, value in bounds if value is not None),
     ]  # fmt: skip
     heading = f"{call.panel.folder.config.name}: {figure.title}"
-    content = drawing_png(figure.drawing, heading, ", ".join(below))
+    content = figure.chart.png(heading, ", ".join(below))
     return Response(content, media_type="image/png", headers=_file_name(call, f"{name}.png"))
 
 

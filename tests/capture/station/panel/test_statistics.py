@@ -1,9 +1,13 @@
 """History and statistics: the page, the API, CSV, PNG and `station history` agree."""
 
 import csv
+import http.client
 import io
 import json
 import re
+import subprocess
+import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -14,16 +18,18 @@ from urllib.parse import parse_qsl
 import cv2
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Decision
 from capture.station.judge.gauge.gauge import GaugeStudy, Presentation
 from capture.station.judge.gauge.gauge_report import GaugeReport
+from capture.station.panel import charts
 from capture.station.panel.panel import MOST_RECKONING
 from capture.station.panel.statistics import gauge_of
 from capture.station.results.history import Selection
 from classify.base.errors import InputError
-from tests.capture.station.panel.panels import RunningPanel, running_panel
+from tests.capture.station.panel.panels import WAIT_S, RunningPanel, running_panel
 from tests.capture.station.results.many import fill, many
 
 PRODUCED, SIMULATED = 400, 60
@@ -179,6 +185,35 @@ def test_each_figure_has_its_numbers_as_csv_and_its_picture(filled: RunningPanel
     missing = filled.local.get("/api/v1/statistics/gauge.csv")
     assert missing.status == 404
     assert "not among those of the selected parts: yield, causes" in missing.json["error"]
+
+
+def test_matplotlib_is_loaded_with_the_first_chart() -> None:
+    loaded = "import sys, capture.station.panel.server; sys.exit('matplotlib' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", loaded], check=False).returncode == 0
+
+
+def test_a_page_is_sent_and_others_are_served_while_its_charts_are_drawn(
+    filled: RunningPanel, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    may_end = threading.Event()
+    drawing = charts.svg_uri
+
+    def slowly(figure: Figure) -> str:
+        assert may_end.wait(WAIT_S)
+        return drawing(figure)
+
+    monkeypatch.setattr(charts, "svg_uri", slowly)
+    connection = http.client.HTTPConnection(filled.local.host, timeout=WAIT_S)
+    try:
+        connection.request("GET", "/statistics?simulated=false")
+        answer = connection.getresponse()
+        while b"<h1>Statistics" not in (line := answer.readline()):
+            assert line
+        assert filled.local.get("/api/v1/state").status == 200
+    finally:
+        may_end.set()
+    assert answer.read().count(b"data:image/svg+xml") == 7
+    connection.close()
 
 
 def test_the_form_of_a_page_is_on_the_clock_of_the_station(

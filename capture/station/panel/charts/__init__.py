@@ -1,1 +1,0 @@
-"""Charts of the statistics: what they show, their lines and areas, the same as PNG."""
