@@ -6,7 +6,6 @@ A command imports what it needs when it runs, so that ``--help`` answers at once
 import logging
 import shutil
 import sys
-from importlib.metadata import version
 from typing import Annotated
 
 import typer
@@ -82,6 +81,8 @@ def _options(
 ) -> None:
     """Four-light photometric stereo: capture a surface, find its texture and its orientation."""
     if show_version:
+        from importlib.metadata import version
+
         print(f"ps4rig {version('ps4rig')}")
         raise typer.Exit
     if context.invoked_subcommand is None:

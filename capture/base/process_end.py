@@ -9,7 +9,6 @@ import threading
 import traceback
 from contextlib import suppress
 from datetime import UTC, datetime
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -100,6 +99,8 @@ def log_threads() -> None:
 
 def _write_log(trace: str) -> Path | None:
     """Write a log to the user's state folder, or else to the folder for temporary files."""
+    from importlib.metadata import version
+
     text = (
         f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC, ps4rig {version('ps4rig')}, "
         f"Python {platform.python_version()}, {platform.platform()}\n"

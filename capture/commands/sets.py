@@ -13,7 +13,6 @@ import typer
 
 from capture.base.console import complain, out, print_json, progress, reported
 from capture.base.errors import ImportCause
-from capture.base.names import SET_SUFFIX
 from capture.base.outputs import check_output
 from classify.base.errors import InputError
 
@@ -73,6 +72,7 @@ def capture(
     json: options.Json = False,
 ) -> None:
     """Capture one set or several: the ambient image, then one image under each LED."""
+    from capture.base.names import SET_SUFFIX
     from capture.calibration.lookup import read_calibration
     from capture.sets.description import described
     from rig import ConfigError, open_rig
@@ -176,6 +176,8 @@ def _output_paths(output: Path, count: int, replace: bool) -> list[Path]:
 
     Numbers continue after the highest existing one, or with `replace` begin at 1.
     """
+    from capture.base.names import SET_SUFFIX
+
     if count == 1:
         return [output]
     stem = output.name.removesuffix(SET_SUFFIX)
@@ -259,6 +261,7 @@ def import_(
 
     Photographs that no surface under these lights explains are refused, see --accept.
     """
+    from capture.base.names import SET_SUFFIX
     from capture.calibration.lookup import read_calibration
     from capture.sets.description import described
     from capture.sets.light_list import load_light_list

@@ -2,7 +2,6 @@
 
 import errno
 import os
-import secrets
 import shutil
 from collections.abc import Collection, Iterator
 from contextlib import contextmanager, suppress
@@ -60,7 +59,7 @@ def temporary_path(
     home: Path, path: Path, *, suffix: str = "", is_folder: bool = False
 ) -> Iterator[Path]:
     """Yield a new file or folder in `home`, and remove it at the end; errors name `path`."""
-    temporary = home / f"{TEMPORARY_PREFIX}{secrets.token_hex(8)}{suffix}"
+    temporary = home / f"{TEMPORARY_PREFIX}{os.urandom(8).hex()}{suffix}"
     try:
         # `tempfile` makes files that only their owner may read.
         temporary.mkdir() if is_folder else temporary.touch(exist_ok=False)
