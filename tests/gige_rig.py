@@ -94,7 +94,7 @@ def gige_rig(
 def rig_of_genicam(camera: dict[str, Any]) -> Iterator[Rig]:
     """Open such a rig, and let the camera's clock be tied to this machine's."""
     with gige_rig(camera) as served, open_rig(served.config) as opened:
-        for _ in range(20):
+        for _ in range(10):
             opened.camera.read(60.0)
         yield opened
 

@@ -42,7 +42,6 @@ browser() {
 
 # With what pip needs to compile the extra genicam.
 genicam() {
-    has arv-tool-0.8 || install aravis-tools-cli
     dpkg-query --show gir1.2-aravis-0.8 libgirepository1.0-dev libcairo2-dev >/dev/null 2>&1 ||
         install gir1.2-aravis-0.8 libgirepository1.0-dev libcairo2-dev gcc pkg-config python3-dev
 }

@@ -28,7 +28,7 @@ def postgresql_program(name: str) -> Path:
 # Programs and folders, by the marker of the suite.
 NEEDS: dict[str, tuple[str | Path, ...]] = {
     "browser": ("chromium", "curl", NGINX),
-    "genicam": ("arv-tool-0.8", GENICAM),
+    "genicam": (GENICAM,),
     "imagej": ("java", IMAGEJ, BIOFORMATS),
     "kernel": ("qemu-system-x86_64", "busybox", KERNEL),
     "micropython": ("node", MICROPYTHON),
