@@ -3,7 +3,7 @@
 import io
 import struct
 from collections.abc import Iterator
-from itertools import product
+from itertools import islice, product
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,9 @@ GREY = {bits: np.ascontiguousarray(RGBA[bits][:, :, 0]) for bits in DEPTHS}
 # A JPEG keeps smooth images within its loss.
 SMOOTH = cv2.resize(RGB[8][:2, :3], (18, 14), interpolation=cv2.INTER_LINEAR)
 ORIENTATIONS = range(1, 9)
+# One carrier of each format has all orientations, the others have these two.
+TURNS = (3, 6)
+COMPRESSIONS = (None, "lzw", "deflate", "packbits", "zstd", "lzma")
 UNASSOCIATED, ASSOCIATED, UNSPECIFIED = 2, 1, 0
 # Name with the suffix of the file, its bytes, and its pixels or why it is refused.
 Row = tuple[str, bytes, Pixels | str]
@@ -74,18 +77,16 @@ def pillow(image: Any, form: str, **options: Any) -> bytes:
 
 
 def tiffs() -> Iterator[Row]:
-    for bits, compression in product(DEPTHS, (None, "lzw", "deflate", "packbits", "zstd", "lzma")):
-        for planar, alpha in product((1, 2), (None, UNASSOCIATED, UNSPECIFIED)):
-            image = RGB[bits] if alpha is None else RGBA[bits]
-            stored = image if planar == 1 else np.moveaxis(image, -1, 0)
-            extras = None if alpha is None else [alpha]
-            yield (
-                f"rgb {bits} {compression} planar {planar} alpha {alpha}.tif",
-                tiff(stored, compression=compression, planarconfig=planar, extrasamples=extras,
-                     photometric="rgb"),
-                RGB[bits],
-            )  # fmt: skip
-        for form, (order, big) in product(("strips", "tiles"), (("<", 0), (">", 0), (">", 1))):
+    for bits, planar, alpha in product(DEPTHS, (1, 2), (None, UNASSOCIATED, UNSPECIFIED)):
+        image = RGB[bits] if alpha is None else RGBA[bits]
+        stored = image if planar == 1 else np.moveaxis(image, -1, 0)
+        extras = None if alpha is None else [alpha]
+        options = {"planarconfig": planar, "extrasamples": extras, "photometric": "rgb"}
+        name = f"rgb {bits} planar {planar} alpha {alpha}.tif"
+        yield name, tiff(stored, compression="lzw", **options), RGB[bits]
+    for bits, compression in product(DEPTHS, COMPRESSIONS):
+        forms = product(("strips", "tiles"), (("<", 0), (">", 0), (">", 1)))
+        for form, (order, big) in islice(forms, None if compression in (None, "lzw") else 1):
             sides = {"rowsperstrip": 2} if form == "strips" else {"tile": (16, 16)}
             packed = compression not in (None, "packbits")
             for predictor in (False, True) if packed else (False,):
@@ -242,6 +243,8 @@ def oriented() -> Iterator[Row]:
             "raw XMP": text_chunk("zTXt", "Raw profile type xmp", raw_profile("xmp", packet)),
             "property": text_chunk("tEXt", "exif:Orientation", b"%d" % k),
         }.items():
+            if k not in TURNS and name != "eXIf":
+                continue
             yield f"{k} {name}.png", with_chunks(png, added), upright(grey, k)
             if name in ("eXIf", "zTXt", "XMP"):
                 yield f"{k} {name} last.png", with_chunks(png, added, last=True), upright(grey, k)
@@ -258,7 +261,14 @@ def oriented() -> Iterator[Row]:
             "extended XMP": b"http://ns.adobe.com/xmp/extension/\0" + bytes(40) + packet,
             "another prefix": b"Exif\0\xff" + data, "upper case": b"EXIF\0\0" + data,
         }.items():  # fmt: skip
-            yield f"{k} {name}.jpg", with_segments(jpeg, segment), upright(decoded, k)
+            if k in TURNS or name == "SHORT":
+                yield f"{k} {name}.jpg", with_segments(jpeg, segment), upright(decoded, k)
+        tag = (274, 3, 1, k, True)
+        yield f"{k}.tif", tiff(rgb, compression="lzw", extratags=[tag]), upright(rgb, k)
+        level = np.rint((raw - 64) / (4095 - 64) * 65535).astype(np.uint16)
+        yield f"{k} mono.dng", dng(raw, k, LINEAR_RAW), upright(level, k)
+        if k not in TURNS:
+            continue
         for name, code, resource in (("EXIF", 0x0422, data), ("XMP", 0x0424, packet)):
             block = photoshop(code, resource)
             segment = b"Photoshop 3.0\0" + block
@@ -269,18 +279,13 @@ def oriented() -> Iterator[Row]:
             )
             tag = (34377, 1, len(block), block, True)
             yield f"{k} {name} of Photoshop.tif", tiff(rgb, extratags=[tag]), upright(rgb, k)
-        tag = (274, 3, 1, k, True)
-        for compression, order, planar in (("lzw", "<", 1), (None, ">", 2), ("deflate", ">", 1)):
-            stored = rgb if planar == 1 else np.moveaxis(rgb, -1, 0)
-            options = {"compression": compression, "byteorder": order, "planarconfig": planar}
-            content = tiff(stored, photometric="rgb", extratags=[tag], **options)
-            yield f"{k} {compression} {order}.tif", content, upright(rgb, k)
+        planes = np.moveaxis(rgb, -1, 0)
+        options = {"photometric": "rgb", "byteorder": ">", "planarconfig": 2}
+        yield f"{k} planes.tif", tiff(planes, extratags=[tag], **options), upright(rgb, k)
         big = tiff(rgb, extratags=[(274, 4, 1, k, True)], bigtiff=True)
         yield f"{k} big LONG.tif", big, upright(rgb, k)
         packed = tiff(rgb, extratags=[(700, 1, len(packet), packet, True)])
         yield f"{k} XMP.tif", packed, upright(rgb, k)
-        level = np.rint((raw - 64) / (4095 - 64) * 65535).astype(np.uint16)
-        yield f"{k} mono.dng", dng(raw, k, LINEAR_RAW), upright(level, k)
         linear = dng(np.dstack([raw] * 3), k, LINEAR_RAW)
         yield f"{k} linear.dng", linear, upright(np.dstack([level] * 3), k)
         yield f"{k} filter.dng", dng(raw, k), upright(interpolated(level), k)
