@@ -98,4 +98,5 @@ def _call(call: str, about: str, names: list[str]) -> str:
     if len(lacking) < len(FILTERS) - 1:
         but = " but " + " and ".join(lacking) if lacking else ""
         names = [f"filters{but}", *(each for each in names if each not in FILTERS)]
-    return f"- `{call}` {' '.join(about.split())}" + f" [{', '.join(names)}]" * bool(names)
+    meaning = " ".join(about.split()).partition(". ")[0].rstrip(".")
+    return f"- `{call}` {meaning}" + f" [{', '.join(names)}]" * bool(names)

@@ -1,11 +1,14 @@
 """The list of promises in `tests/README.md`: what a README says, and which tests hold it."""
 
 import re
+import textwrap
 import tomllib
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "tests" / "README.md"
+# A promise is cut after so many characters: the table says which one, the TOML file what it is.
+_LONGEST = 48
 _LIST = re.compile(r"(?<=<!-- promises -->\n).*?(?=<!-- end of promises -->)", re.DOTALL)
 
 
@@ -33,7 +36,8 @@ def page_with_table() -> str:
         lines += ["", f"**{page}**", ""]
         for promise, tests in rows.items():
             files = " ".join(_short(test, Path(page).parent) for test in tests)
-            lines.append(f"- {promise} ({files})")
+            begin = textwrap.shorten(promise, _LONGEST, placeholder=" ...")
+            lines.append(f"- {begin} ({files})")
     table = "\n".join([*lines, "", ""])
     return _LIST.sub(lambda _: table, PAGE.read_text(encoding="utf-8"))
 
