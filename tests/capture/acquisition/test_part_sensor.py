@@ -121,12 +121,6 @@ def test_lights_that_go_out_during_the_set_reject_it_without_another_attempt(rig
         capture_set(rig, part=part)
 
 
-def test_a_controller_that_is_unplugged_during_the_wait_is_an_error(rig):
-    rig.clock.call_at(rig.clock.now_s() + 0.5, rig.simulation.unplug_lights)
-    with pytest.raises(LightControllerError):
-        wait_for_part(rig, 0.0)
-
-
 def test_a_rig_synchronised_by_software_cannot_wait_for_parts():
     with (
         open_rig(config("software")) as rig,

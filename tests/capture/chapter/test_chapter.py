@@ -2,7 +2,6 @@
 
 import csv
 import json
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -141,22 +140,6 @@ def test_accuracy_counts_the_nearest_class() -> None:
 
 
 # the command
-
-
-def test_bad_input_is_one_line(refused: Callable[..., str], tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    assert "file: cannot be made" in refused("reproduce", "--quick", "--out", tmp_path / "file")
-
-
-@pytest.mark.slow
-def test_without_an_answering_scheduler_nothing_is_written(
-    refused: Callable[..., str], tmp_path: Path
-) -> None:
-    line = refused(
-        "reproduce", "--quick", "--out", tmp_path / "out", "--scheduler", "tcp://127.0.0.1:9"
-    )
-    assert "no Dask scheduler answers" in line
-    assert list((tmp_path / "out").iterdir()) == []
 
 
 # a small reproduction

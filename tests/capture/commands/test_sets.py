@@ -297,18 +297,3 @@ def test_a_set_without_a_valid_pixel_is_status_1_and_writes_nothing(
 
 
 # real photographs: tests/data/butterfly_crop/README.md
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--relight", "45", "--out", "maps"], "--relight 45"),
-        (["--out", "file"], "file"),
-    ],
-)
-def test_a_wrong_option_of_solve_is_one_line(
-    refused: Refused, sets: Path, in_folder: Path, options: list[str], message: str
-) -> None:
-    (in_folder / "file").touch()
-    assert message in refused("solve", sets / "rock-001.ome.tif", *options)
-    assert [path.name for path in in_folder.iterdir()] == ["file"]

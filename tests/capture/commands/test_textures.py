@@ -294,22 +294,6 @@ def test_sets_of_three_lights_are_solved_by_least_squares_everywhere(
     assert CapturedSet.load(paths[0]).solve().method == "least_squares"
 
 
-def test_two_lights_are_refused_by_name(
-    refused: Refused, made_set: Command, tmp_path: Path
-) -> None:
-    path = tmp_path / "two.ome.tif"
-    made_set(np.full((2, 300, 300), 900, np.uint16)).save(path)
-    for command in (
-        ("solve", path, "--out", tmp_path / "maps"),
-        ("train", path, "--library", tmp_path / "t.ps4lib"),
-        ("compare", path, path, "--json"),
-        ("export", path, tmp_path / "a.ply"),
-    ):
-        line = refused(*command)
-        assert line.startswith(f"{path}: ")
-        assert "2 lights" in line
-
-
 def test_another_solver_than_that_of_the_library_is_named(
     ps4rig: Command, sets: Path, library: Path
 ) -> None:
@@ -404,21 +388,3 @@ def test_a_training_set_whose_name_is_not_utf_8_is_refused(
     os.link(sets / "rock-001.ome.tif", folder / "\udcff.ome.tif")
     line = refused("train", folder, "--library", tmp_path / "t.ps4lib")
     assert "not valid UTF-8" in line
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["classify", "{rock}", "--library", "{here}/no.ps4lib"], "no.ps4lib: "),
-        (["evaluate", "{here}/none", "--library", "{lib}"], "none: "),
-        (["evaluate", "{here}", "--library", "{lib}"], "holds no captured sets"),
-        (["train", "{rock}", "--library", "{here}/none/t.ps4lib"], "none"),
-    ],
-)
-def test_a_wrong_argument_is_one_line(
-    refused: Refused, sets: Path, library: Path, tmp_path: Path, arguments: list[str], message: str
-) -> None:
-    (tmp_path / "file").touch()
-    places = {"rock": sets / "rock-001.ome.tif", "here": tmp_path, "lib": library}
-    assert message in refused(*(argument.format(**places) for argument in arguments))
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]

@@ -71,14 +71,6 @@ def test_the_page_says_relative_only_where_the_scale_is_unknown(page: Page, sets
         assert unit in scaled
 
 
-def test_the_page_refers_to_no_other_file(page: Page) -> None:
-    assert not [*page.all("script"), *page.all("link"), *page.all("a")]
-    sources = [image["src"] or "" for image in page.all("img")]
-    assert all(source.startswith("data:image/jpeg;base64,") for source in sources)
-    policies = [meta["content"] for meta in page.all("meta") if "http-equiv" in meta]
-    assert policies == ["default-src 'none'; img-src data:; style-src 'unsafe-inline'"]
-
-
 def test_colour_bars_run_from_lowest_to_highest(made_set: Callable[..., CapturedSet]) -> None:
     """On a plane with p = 0.2 everywhere the scale ends at -0.2 and 0.2."""
     set_ = made_set(np.full((4, 8, 8), 1000, np.uint16))

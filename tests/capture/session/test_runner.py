@@ -638,13 +638,3 @@ def test_a_missing_calibration_begins_no_run(
     with pytest.raises(InputError, match="no such calibration"):
         run(rig=rig)
     assert folder().journal.runs == ()
-
-
-def test_a_plan_that_does_not_suit_the_rig_is_refused(plan_file: Path, config: RigConfig) -> None:
-    plan_file.write_text(PLAN.replace('surface = "sand"\n', ""))
-    script = Script(())
-    with (
-        session_folder(make_session(plan_file)) as folder,
-        pytest.raises(InputError, match=r"specimen sand-1: .*surface"),
-    ):
-        run_session(folder, config, script.ask, script.events.append)

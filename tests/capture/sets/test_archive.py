@@ -5,7 +5,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from capture.sets.archive import find_sets, output_folders
@@ -86,21 +85,6 @@ def test_solve_of_several_sets_answers_with_a_list(
     assert all(Path(name).is_file() for row in both for name in row["files"])
     plain = ps4rig("solve", *paths, "--out", tmp_path / "both")
     assert plain.stdout.startswith(f"{tmp_path / 'both' / 'rock-001'}: ")
-
-
-def test_solve_says_how_many_light_images_the_page_shows(
-    ps4rig: Command, made_set: Command, tmp_path: Path
-) -> None:
-    made_set(np.full((9, 20, 20), 2000, np.uint16)).save(tmp_path / "a.ome.tif")
-    result = ps4rig("solve", tmp_path / "a.ome.tif", "--out", tmp_path / "maps")
-    assert "page shows 8 of 9" in result.stdout
-
-
-def test_train_and_classify_take_folders(ps4rig: Command, sets: Path, tmp_path: Path) -> None:
-    library = tmp_path / "t.ps4lib"
-    assert ps4rig("train", sets, "--library", library).exit_code == 0
-    answers = json.loads(ps4rig("classify", sets, "--library", library, "--json").stdout)
-    assert [row["set"] for row in answers] == sorted(map(str, sets.glob("*.ome.tif")))
 
 
 def test_relight_takes_a_tilt_and_a_slant(

@@ -29,7 +29,6 @@ from tests.image_files import (
 RING = Lighting.ring(45.0)
 SHAPE = (12, 17)
 Photographs = Callable[..., list[Path]]
-Command = Callable[..., Any]
 Refused = Callable[..., str]
 
 
@@ -477,10 +476,6 @@ def test_images_must_have_one_size_and_depth(four: Photographs, tmp_path: Path) 
     refuse(paths, r"image2\.png: 17 x 11 px, but .*image0\.png has 17 x 12 px")
     written(paths[2], pattern(np.uint16))
     refuse(paths, r"image2\.png: uint16, but .*image0\.png is uint8")
-
-
-def test_an_unprintable_label_is_refused(four: Photographs) -> None:
-    refuse(four(pattern(np.uint8)), r"label .* printable", label="a\x1bb")
 
 
 # the command

@@ -74,7 +74,7 @@ def test_a_backdrop_is_no_mark(stationary) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("texture", surface_names())
+@pytest.mark.parametrize("texture", surface_names()[::3])
 def test_no_texture_without_a_mark_has_one(texture: str) -> None:
     parts = [patch(texture, number).solve(planar=True) for number in range(6)]
     assert mark_of(parts) is None

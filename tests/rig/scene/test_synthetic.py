@@ -184,7 +184,7 @@ def test_tinted_relief_is_brighter_where_it_is_high() -> None:
     assert np.corrcoef(surface.height.ravel(), surface.albedo.ravel())[0, 1] > 0.95
 
 
-@pytest.mark.parametrize("name", SYNTHETIC_TEXTURES)
+@pytest.mark.parametrize("name", FOUR_AND_MORE)
 def test_only_low_lights_cast_shadow(name: str) -> None:
     tile = surface_of(name)
     patch = SurfacePatch(tile.height, tile.p, tile.q, tile.albedo)

@@ -169,12 +169,3 @@ def test_show_names_missing_parts_with_their_command(
     assert set(said["missing"]) == {"dark", "response", "noise", "scale"}
     assert said["missing"]["scale"]["command"] == "ps4rig calibrate scale"
     assert "missing: dark" in ps4rig("calibrate", "show", path).stdout
-
-
-def test_show_refuses_another_file_and_another_suffix(
-    refused: Callable[..., str], saved: Path
-) -> None:
-    page = saved.with_name("page.pdf")
-    assert "must end in .html" in refused("calibrate", "show", saved, "--out", page)
-    missing = saved.with_name("none.ps4cal")
-    assert "with ps4rig calibrate" in refused("calibrate", "show", missing)

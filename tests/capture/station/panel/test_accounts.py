@@ -25,8 +25,6 @@ from capture.station.panel.sessions import (
     MOST_SESSIONS,
     Sessions,
 )
-from capture.station.results.audit import newest_changes, record_change
-from capture.station.results.store import open_store
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 
@@ -97,15 +95,6 @@ def test_the_last_administrator_stays_while_there_are_others(folder: Path) -> No
         users.put("ada", Role.OPERATOR, PASSWORD)
     users.remove("kim")
     users.remove("ada")
-    assert users.all() == ()
-
-
-def test_a_change_by_another_program_is_seen_at_once(folder: Path) -> None:
-    users, others = Users(folder), Users(folder)
-    assert users.all() == ()
-    others.put("ada", Role.ENGINEER, PASSWORD)
-    assert [user.name for user in users.all()] == ["ada"]
-    others.remove("ada")
     assert users.all() == ()
 
 
@@ -362,23 +351,6 @@ def test_an_administrator_changes_accounts_by_the_api_and_each_change_has_a_row(
         ("client mes", None, "operator"),
         ("user kim", None, "operator, new password"),
     ]
-
-
-def test_changes_keep_their_order_and_cannot_be_changed(tmp_path: Path) -> None:
-    from sqlalchemy import text
-    from sqlalchemy.exc import IntegrityError
-
-    with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
-        for number in range(5):
-            record_change(
-                store, f"x{number}", None, "\udcff", by="ada", role="engineer", via="page"
-            )
-        found = newest_changes(store, 3)
-        assert [change.what for change in found] == ["x4", "x3", "x2"]
-        assert found[0].after == "\\udcff"
-        for statement in ("UPDATE changes SET by = 'kim'", "DELETE FROM changes"):
-            with pytest.raises(IntegrityError, match="never changed"):
-                store.write(lambda connection, said=statement: connection.execute(text(said)))
 
 
 @pytest.mark.parametrize("name", ["PLC", "root", "Station", "kiosk"])

@@ -93,14 +93,6 @@ def test_no_route_is_there_twice_and_each_change_needs_a_role() -> None:
     assert all(route.about.endswith(".") for route in ROUTES)
 
 
-def test_the_order_of_roles_is_total() -> None:
-    assert [[a.includes(b) for b in Role] for a in Role] == [
-        [True, False, False],
-        [True, True, False],
-        [True, True, True],
-    ]
-
-
 def test_malformed_json_of_nobody_is_refused_as_anything_of_nobody(
     with_users: RunningPanel, clients: dict[Role, Client]
 ) -> None:

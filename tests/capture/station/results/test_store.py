@@ -9,7 +9,7 @@ from sqlalchemy import create_engine, text
 from sqlalchemy.exc import DBAPIError
 
 from capture.station.domain.verdict import Decision
-from capture.station.results.audit import override_part
+from capture.station.results.audit import override_part, record_change
 from capture.station.results.database import (
     ResultsUnavailable,
     database_url,
@@ -168,7 +168,7 @@ def test_tables_of_another_version_are_refused(
 
 TABLES = (
     "schema_versions", "stations", "begun_parts", "results", "overrides", "refused_triggers",
-    "removed_sets",
+    "removed_sets", "changes",
 )  # fmt: skip
 
 
@@ -180,6 +180,7 @@ def test_the_database_refuses_to_change_or_delete_a_row(
     store.refuse(RefusedTrigger("timer", UTC, "busy", simulated=False))
     store.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
     record_removals(store, {part_id: "parts/x"}, UTC)
+    record_change(store, "user lee", None, "operator", by="kim", role="engineer", via="page")
     url = database_url(database)
     statements = [
         f"DELETE FROM {table}",
