@@ -23,13 +23,7 @@ from capture.station.results.store import BegunPart
 from .beginning import Beginning
 from .changeover import Changeover
 from .equipment import Equipment, GuardedThread
-from .events import (
-    ExposureComplete,
-    PartAnnounced,
-    PartBegun,
-    RecipeLoaded,
-    StationStopped,
-)
+from .events import ExposureComplete, PartAnnounced, PartBegun, RecipeLoaded, StationStopped
 from .outcome import ExposedPart
 from .self_test import SelfTest, disk_fault
 from .states import Change, State
