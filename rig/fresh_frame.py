@@ -106,12 +106,12 @@ def frames_until_fresh(
     """Read frames up to and including the first one exposed after `not_before_s`."""
     info, now_s = rig.camera.info, rig.clock.now_s()
     frames_s = (info.queue_length + 3) * info.frame_period_s + info.exposure_s
-    patience_s = max(not_before_s - now_s, 0.0) + frames_s + spare_s
+    timeout_s = max(not_before_s - now_s, 0.0) + frames_s + spare_s
     counts: Counter[FrameKind] = Counter()
     # Also read the frames that were queued while a busy computer did not run this program.
-    while rig.clock.now_s() < now_s + patience_s or counts.total() < info.queue_length + 3:
+    while rig.clock.now_s() < now_s + timeout_s or counts.total() < info.queue_length + 3:
         # The full time for each read: after a stale frame the camera may still be slow.
-        frame = rig.camera.read(patience_s)
+        frame = rig.camera.read(timeout_s)
         kind = receive(frame, not_before_s)
         counts[kind] += 1
         yield frame, kind

@@ -108,17 +108,17 @@ class ExposureTimeline:
         self._accepted.append((self._received, acknowledged_s, name))
 
     def next_start_s(
-        self, not_before_s: float, start_known_to_s: float, max_frames: int
+        self, not_before_s: float, start_uncertainty_s: float, max_frames: int
     ) -> float | None:
         """Predicted start of the first frame exposed after `not_before_s`, at the latest.
 
         None if no frame was received yet, if that frame is more than `max_frames` ahead, or if the
-        uncertainty of a time stamp, `start_known_to_s`, leaves two frames possible.
+        uncertainty of a time stamp, `start_uncertainty_s`, leaves two frames possible.
         """
         if self._last_start_s is None:
             return None
         frames = max(1, math.ceil((not_before_s - self._last_start_s) / self._period_s))
-        error_s = start_known_to_s + frames * self._period_s * _PERIOD_ERROR
+        error_s = start_uncertainty_s + frames * self._period_s * _PERIOD_ERROR
         start_s = self._last_start_s + frames * self._period_s
         margin_s = start_s - not_before_s
         is_certain = error_s <= margin_s and (frames == 1 or margin_s <= self._period_s - error_s)
@@ -180,7 +180,7 @@ class FreshFrames:
         max_frames = info.queue_length - 1
         return self._end_s(
             self._history.timeline.next_start_s(
-                self._not_before_s, info.start_known_to_s, max_frames
+                self._not_before_s, info.start_uncertainty_s, max_frames
             )
         )
 
@@ -188,7 +188,7 @@ class FreshFrames:
         info = self._rig.camera.info
         if start_s is None or info.readout_s is None:
             return None
-        return start_s + info.exposure_s + info.start_known_to_s + info.readout_s
+        return start_s + info.exposure_s + info.start_uncertainty_s + info.readout_s
 
     def _accepted(self, frame: Frame) -> Frame:
         self._history.timeline.accept(self._acknowledged_s, light_name(self._rig, self._light))

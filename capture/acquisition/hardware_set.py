@@ -209,7 +209,7 @@ def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
         )
     camera = rig.config.camera
     assert isinstance(camera, StampedCameraConfig)  # RigConfig plans a sequence for no other
-    return min(most_s, camera.start_known_to_s + _TOLERANCE_S) + report.clock.uncertainty_s
+    return min(most_s, camera.start_uncertainty_s + _TOLERANCE_S) + report.clock.uncertainty_s
 
 
 def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[float]:

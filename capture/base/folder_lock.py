@@ -54,11 +54,11 @@ def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
 
 
 @contextmanager
-def file_lock(path: Path, patience_s: float) -> Iterator[None]:
-    """Hold a lock on a file during the block; a second program waits for at most `patience_s`."""
+def file_lock(path: Path, timeout_s: float) -> Iterator[None]:
+    """Hold a lock on a file during the block; a second program waits for at most `timeout_s`."""
     # A file that is replaced cannot be locked itself.
     try:
-        release = _lock_file(path, patience_s)
+        release = _lock_file(path, timeout_s)
     except BlockingIOError as error:
         raise InputError(f"{path}: another program changes it; try again") from error
     except OSError as error:
@@ -95,12 +95,12 @@ def _lock_folder(folder: Path) -> Callable[[], None]:
     return lambda: os.close(descriptor)
 
 
-def _lock_file(locked: Path, patience_s: float) -> Callable[[], None]:
+def _lock_file(locked: Path, timeout_s: float) -> Callable[[], None]:
     path = locked.with_name(locked.name + LOCK_FILE_SUFFIX)
     connection: sqlite3.Connection | None = None
     try:
         connection = sqlite3.connect(
-            path, timeout=patience_s, isolation_level=None, check_same_thread=False
+            path, timeout=timeout_s, isolation_level=None, check_same_thread=False
         )
         connection.execute("BEGIN EXCLUSIVE")
     except sqlite3.Error as error:

@@ -21,7 +21,7 @@ from rig.simulation.simulated_set import EXPOSURE_MS, SimulatedSet
 from . import plan
 from .plan import BEST_SOLVER, Conditions, PatchPosition, SceneFaults, Texture
 
-_OF_THE_THESIS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
+_THESIS_METHODS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
 
 
 @lru_cache(maxsize=2)
@@ -71,7 +71,7 @@ def solve(images: SimulatedSet, method: Method, *, planar: bool = False) -> Surf
     `photometric_stereo` itself marks pixels invalid where shadow leaves the slope unknown.
     """
     surface = images.solve(method, planar=planar)
-    if method in _OF_THE_THESIS:
+    if method in _THESIS_METHODS:
         return replace(surface, valid=~surface.saturated)
     return surface
 

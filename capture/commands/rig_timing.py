@@ -60,11 +60,11 @@ def latency(
     if as_json:
         print_json({**asdict(measured), "changes": changes, "stored": rig if stored else None})
         return
-    _print_page(measured, changes)
+    _print_latency(measured, changes)
     out.print(f"stored in {rig}" if stored else "nothing was stored")
 
 
-def _print_page(measured: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]) -> None:
+def _print_latency(measured: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]) -> None:
     fit = measured.fit
     table = new_table("row", "complete after", "at most", "frames before it")
     for name, row in (("first", measured.first_row), ("last", measured.last_row)):

@@ -49,7 +49,7 @@ class Photographs:
     planes: list[npt.NDArray[np.uint16]]  # (H, W) uint16 each
     bit_depth: int
     full_scale: int  # saturated value in `planes`
-    largest: int | None  # largest value in the files, if the depth was guessed from it
+    depth_guessed_from: int | None  # largest value in the files, if the depth was guessed from it
     gamma: Gamma
     gamma_source: _GammaSource
     frame: tuple[int, int]  # rows and columns before the crop
@@ -343,10 +343,10 @@ def import_images(
 
 
 def _about_depth(photographs: Photographs) -> list[str]:
-    if photographs.largest is None or photographs.bit_depth == 16:
+    if photographs.depth_guessed_from is None or photographs.bit_depth == 16:
         return []
     text = f"the data are taken for {photographs.bit_depth} bits, because the largest value is"
-    return [f"{text} {photographs.largest}; --bits N sets another depth"]
+    return [f"{text} {photographs.depth_guessed_from}; --bits N sets another depth"]
 
 
 def _about_slants(lighting: Lighting) -> list[str]:

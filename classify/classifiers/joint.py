@@ -11,7 +11,7 @@ import numpy as np
 
 from classify.base.arrays import FloatMap, Floats, Indices
 from classify.texture.blur import KNOTS_PX2, blur_penalty, least_over_blurs
-from classify.texture.heading import HEADING_FLOATS, heading_numbers, heading_scores
+from classify.texture.heading import HEADING_FLOATS, heading_features, heading_scores
 from classify.texture.orientation import (
     HARMONICS,
     Complex,
@@ -44,7 +44,7 @@ from .joint_learning import class_limits, learn, limit_factors, parameter_shapes
 _LEAST_SHARPNESS = 0.5
 # Squared distance from the set's own signature from which a reference under rotated lights is kept,
 # in units of the distance between quarters: a nearer one changes no match.
-_LEAST_NEW = 0.1
+_MIN_SQUARED_DISTANCE = 0.1
 
 _SERIES_FLOATS = 2 * SERIES * HARMONICS
 _HEADING = slice(-1 - HEADING_FLOATS, -1)
@@ -73,7 +73,7 @@ def _references(training: JointTraining, parameters: Parameters) -> FloatMap:
     for observation in training.rotated:
         rotated = _vector(observation, training.blurred, parameters, factor)
         rotated[_HEADING] = own[_HEADING]
-        if np.square(rotated[compared] - own[compared]).sum() > _LEAST_NEW:
+        if np.square(rotated[compared] - own[compared]).sum() > _MIN_SQUARED_DISTANCE:
             references.append(rotated)
     return np.stack(references)
 
@@ -90,7 +90,7 @@ def _vector(
     statistics = statistics_rows(observation.statistics, parameters)
     whitened = statistics[0] @ parameters["whitening"].T
     whitened *= local_unit(parameters)
-    heading = heading_numbers(observation.statistics.headings, parameters["heading_variances"])
+    heading = heading_features(observation.statistics.headings, parameters["heading_variances"])
     curve = blur_curve(observation, blurred, parameters)
     parts = (series.view(np.float32), whitened.astype(np.float32), curve, heading, np.float32(last))
     return np.concatenate([part.ravel() for part in parts])

@@ -20,7 +20,7 @@ TILE = 128
 MOMENTS = 6
 _MAX_LEVELS = 4
 HEADING_FLOATS = 3 * MOMENTS * _MAX_LEVELS
-"""Length of `heading_numbers`: real and imaginary parts of the moments, and their weights."""
+"""Length of `heading_features`: real and imaginary parts of the moments, and their weights."""
 
 # Multiple of the surface's rotation by which the angle of each moment changes.
 _SPINS = np.tile([1.0, 1.0, 1.0, 1.0, 1.0, 3.0], _MAX_LEVELS)
@@ -95,7 +95,7 @@ def heading_variances(moments: _Complex) -> Floats:
     return variances
 
 
-def heading_numbers(moments: _Complex, typical: Floats) -> FloatMap:
+def heading_features(moments: _Complex, typical: Floats) -> FloatMap:
     """(72,) float32: (5, levels, 6) moments, and the weights they have in a reference."""
     padded = np.zeros((_MAX_LEVELS, MOMENTS), np.complex128)
     weights = np.zeros((_MAX_LEVELS, MOMENTS))

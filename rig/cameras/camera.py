@@ -76,7 +76,7 @@ class CameraInfo:
         Number of frames that the driver keeps; all of them may be stale after a switch.
     readout_s
         Longest time from the exposure of the first row to that of the last; None if unknown.
-    start_known_to_s
+    start_uncertainty_s
         Longest time by which an exposure may start after the frame's `exposure_start_s`.
     gain_e_per_dn, read_noise_dn, black_level_dn
         Noise model of the sensor, None if unknown.
@@ -97,7 +97,7 @@ class CameraInfo:
     exposure_s: float
     queue_length: int
     readout_s: float | None = None
-    start_known_to_s: float = 0.0
+    start_uncertainty_s: float = 0.0
     gain_e_per_dn: float | None = None
     read_noise_dn: float | None = None
     black_level_dn: float | None = None

@@ -108,7 +108,7 @@ class StampedCameraConfig(CameraConfig):
         return stamp_s - readout_s - exposure_s
 
     @property
-    def start_known_to_s(self) -> float:
+    def start_uncertainty_s(self) -> float:
         """Longest time by which an exposure may start after `exposure_start_s`."""
         return 2.0 * self.timestamp_uncertainty_ms / 1e3
 

@@ -19,8 +19,8 @@ class FrameSource(Protocol):
 
     serial_number: str
 
-    def next_frame(self, most_late: float, exposure_ms: float | None = None) -> ServedFrame | None:
-        """Wait for a frame; None if it is late by more than `most_late` periods.
+    def next_frame(self, max_late_periods: float, exposure_ms: float | None = None) -> ServedFrame | None:
+        """Wait for a frame; None if it is late by more than `max_late_periods` periods.
 
         `exposure_ms` is what the device is set to, None if it has no such control.
         """
@@ -29,7 +29,7 @@ class FrameSource(Protocol):
 class ServedCamera(Protocol):
     """A camera at `place`; raises `ConfigError` for a configuration that it cannot serve."""
 
-    places: ClassVar[str]  # what a place is, for the help of `rig simulate`
+    place_help: ClassVar[str]  # what a place is, for the help of `rig simulate`
     pixel_format: str
     bit_depth: int
 

@@ -124,7 +124,7 @@ def _lighting(
 REACTION_S = 0.0005
 # A strobe without an edge for this long beyond the frame period counts as disconnected; so does a
 # camera that stalls.
-_STROBE_PATIENCE_S = 0.25
+_STROBE_TIMEOUT_S = 0.25
 
 
 @dataclass(frozen=True)
@@ -180,7 +180,7 @@ def plan_sequence(
                 f"{1e3 * period_s:.4g} ms, and its strobe has no pause; shorten the exposure"
             )
         frames = math.ceil(busy_s / period_s)
-        wait_s = max(period_s, settle_s) + _STROBE_PATIENCE_S
+        wait_s = max(period_s, settle_s) + _STROBE_TIMEOUT_S
         duration_s = (frames * len(lights) + 2) * period_s + settle_s
     settle_us, wait_us = math.ceil(1e6 * settle_s), math.ceil(1e6 * wait_s)
     if wait_us > MAX_STEP_US:

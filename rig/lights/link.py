@@ -12,7 +12,7 @@ from firmware_sim import crc8
 from firmware_sim.firmware import MAX_SEQUENCE, PROTOCOL_VERSION
 from rig.errors import LightControllerError
 
-from .serial_line import Patience, SerialLine
+from .serial_line import ReplyTimeout, SerialLine
 
 _BANNER = b"READY "
 
@@ -55,7 +55,7 @@ def decode_reply(line: bytes) -> Reply:
 
 
 _VENDOR = "PS4RIG"
-_WRITE_PATIENCE = 20.0  # times the time-out of a reply (test_driver.py: "stands still")
+_WRITE_TIMEOUT_REPLIES = 20.0  # times the time-out of a reply (test_driver.py: "stands still")
 _SIMULATED = "SIM-"  # the beginning of a simulated board's serial number
 
 
@@ -107,7 +107,7 @@ class ControllerLink:
         self._sequence = secrets.randbelow(MAX_SEQUENCE) + 1
         self._reply_s = timeouts.reply_s
         # In real time, in which a busy computer may not run this program.
-        self._line = SerialLine(port, baud, write_timeout_s=_WRITE_PATIENCE * timeouts.reply_s)
+        self._line = SerialLine(port, baud, write_timeout_s=_WRITE_TIMEOUT_REPLIES * timeouts.reply_s)
         try:
             self.identity = self._identify(timeouts.open_s)
         except BaseException:
@@ -126,7 +126,7 @@ class ControllerLink:
     def end_line(self) -> None:
         """End the half line that an interrupted write may have left, and take its reply."""
         self._line.write(b"\n")
-        self._line.read_line(Patience(self._reply_s))
+        self._line.read_line(ReplyTimeout(self._reply_s))
 
     def close(self) -> None:
         """Release the port; never raises, and may be called again."""
@@ -140,9 +140,9 @@ class ControllerLink:
         last_line = b""
         while left_s > 0.0:
             sequence = self._send("*IDN?")
-            patience = Patience(min(left_s, self._reply_s))
-            left_s -= patience.left_s
-            while (line := self._line.read_line(patience)) is not None:
+            timeout = ReplyTimeout(min(left_s, self._reply_s))
+            left_s -= timeout.left_s
+            while (line := self._line.read_line(timeout)) is not None:
                 last_line = line
                 if line.startswith(_BANNER):
                     break  # it has just started, and earlier commands are lost: ask again
@@ -150,7 +150,7 @@ class ControllerLink:
                     reply = decode_reply(line)
                     if reply.sequence == sequence and reply.ok:
                         return self._checked_identity(reply.text)
-            left_s += patience.left_s
+            left_s += timeout.left_s
         if last_line:
             text = last_line[:40].decode("ascii", "replace")
             raise LightControllerError(
@@ -185,8 +185,8 @@ class ControllerLink:
         return self._sequence
 
     def _reply_to(self, command: str, sequence: int) -> Reply:
-        patience = Patience(self._reply_s)
-        while (line := self._line.read_line(patience)) is not None:
+        timeout = ReplyTimeout(self._reply_s)
+        while (line := self._line.read_line(timeout)) is not None:
             if line.startswith(_BANNER):
                 raise LightControllerError(
                     f"{self.port}: the controller restarted before it answered {command!r}"

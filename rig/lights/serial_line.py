@@ -216,7 +216,7 @@ def _why_not_open(error: OSError | ValueError) -> str:
 _MAX_LINE_BYTES = 512  # the longest reply, LED:STAT? of 64 LEDs, has about 280 bytes
 
 
-class Patience:
+class ReplyTimeout:
     """The time left for an answer; time in which a busy computer ran nothing does not count."""
 
     def __init__(self, left_s: float) -> None:
@@ -245,8 +245,8 @@ class SerialLine:
         except OSError as error:
             raise self._lost(error) from error
 
-    def read_line(self, patience: Patience) -> bytes | None:
-        """Return the next line without its end, or None at the end of `patience`."""
+    def read_line(self, timeout: ReplyTimeout) -> bytes | None:
+        """Return the next line without its end, or None at the end of `timeout`."""
         while True:
             end = self._buffer.find(b"\n")
             if end >= 0:
@@ -259,13 +259,13 @@ class SerialLine:
                     f"{self.port}: {_MAX_LINE_BYTES} bytes without a line end; this is not a "
                     "light controller, or the baud rate is wrong"
                 )
-            if patience.left_s <= 0.0:
+            if timeout.left_s <= 0.0:
                 return None
             try:
                 self._buffer += self._open.receive()
             except OSError as error:
                 raise self._lost(error) from error
-            patience.count()
+            timeout.count()
 
     def close(self) -> None:
         """Release the port; never raise."""

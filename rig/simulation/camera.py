@@ -175,7 +175,7 @@ class _ReportedTiming:
     # of a sequence number and the true start
     start_s: Callable[[int, float], float] = lambda _sequence, start_s: start_s
     readout_s: float | None = None
-    start_known_to_s: float = 0.0  # how much later an exposure may start
+    start_uncertainty_s: float = 0.0  # how much later an exposure may start
 
 
 def reported_timing(
@@ -201,9 +201,9 @@ def reported_timing(
     return _ReportedTiming(
         start_s=reported_start_s,
         readout_s=None if readout_ms is None else readout_ms / 1e3,
-        start_known_to_s=max(0.0, -reported_start_s(0, 0.0))
+        start_uncertainty_s=max(0.0, -reported_start_s(0, 0.0))
         if lag_ms is None
-        else camera.start_known_to_s,
+        else camera.start_uncertainty_s,
     )
 
 
@@ -269,12 +269,12 @@ class SimulatedCamera:
             exposure_s=self.exposures.shutter.exposure_s,
             queue_length=_BUFFERS,
             readout_s=self._reported.readout_s,
-            start_known_to_s=self._reported.start_known_to_s,
+            start_uncertainty_s=self._reported.start_uncertainty_s,
             gain_e_per_dn=self.sensor.gain_e_per_dn,
             read_noise_dn=self.sensor.read_noise_dn,
             black_level_dn=self.sensor.black_level_dn,
             controls=controls,
-            **self.sensor.stated,
+            **self.sensor.info_fields,
         )
 
     @property

@@ -76,8 +76,8 @@ class DeviceSimulation:
         else:
             self.camera.step()
 
-    def next_frame(self, most_late: float, exposure_ms: float | None = None) -> ServedFrame | None:
-        """Wait for a frame; None if it is late by more than `most_late` periods.
+    def next_frame(self, max_late_periods: float, exposure_ms: float | None = None) -> ServedFrame | None:
+        """Wait for a frame; None if it is late by more than `max_late_periods` periods.
 
         Frames follow the camera's clock, so that delays do not add up.
         """
@@ -89,7 +89,7 @@ class DeviceSimulation:
         frame = source.read(2.0 * self._period_s)
         end_s = simulation.camera.ready_s(frame.sequence)
         late_s = simulation.clock.now_s() - end_s
-        if self._triggered is None and late_s > most_late * self._period_s:
+        if self._triggered is None and late_s > max_late_periods * self._period_s:
             self.late += 1
             return None
         self.written += 1
@@ -114,7 +114,7 @@ class DeviceSimulation:
 def camera_choices(method: str = "start") -> str:
     """The values of `--camera` whose served cameras have a method."""
     return " or ".join(
-        f"{name}:{kind.served.places}"
+        f"{name}:{kind.served.place_help}"
         for name, kind in CAMERA_KINDS.items()
         if kind.served is not None and hasattr(kind.served, method)
     )

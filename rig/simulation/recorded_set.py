@@ -75,7 +75,7 @@ def _recorded(
         exposure_ms,
         {"set_file": str(path), **origin, "camera": camera.get("name")},
         **{name: _number(camera.get(name)) if own_scale else None for name in names},
-        stated={
+        info_fields={
             "gain": _number(camera.get("gain")),
             "gamma": _number(camera.get("gamma")),
             "pixel_value_controls": {

@@ -48,7 +48,7 @@ class SensorModel:
         return self.full_well_e / (self.full_scale_dn - self.black_level_dn)
 
     @property
-    def stated(self) -> Mapping[str, Any]:
+    def info_fields(self) -> Mapping[str, Any]:
         """Gain in pixel values per electron, gamma and black level, as in `CameraInfo`."""
         controls = {"black_level": self.black_level_dn}
         gain = 1.0 / self.gain_e_per_dn
@@ -67,8 +67,8 @@ class SensorModel:
             pixels, excess_dn = self._hot_pixels(signal.size)
             signal.flat[pixels] += excess_dn
         if self.response_gamma != 1.0:
-            share = np.maximum(signal - np.float32(0.5), 0.0) / np.float32(self.full_scale_dn)
-            signal = share ** np.float32(1.0 / self.response_gamma)
+            fraction = np.maximum(signal - np.float32(0.5), 0.0) / np.float32(self.full_scale_dn)
+            signal = fraction ** np.float32(1.0 / self.response_gamma)
             signal *= np.float32(self.full_scale_dn)
             signal += np.float32(0.5)
         np.clip(signal, 0, self.full_scale_dn, out=signal)
@@ -86,11 +86,11 @@ class SensorModel:
     def expose_unclipped(self, light_ms: FloatMap, rng: np.random.Generator) -> FloatMap:
         """(H, W) float32 noisy values above the black level, neither clipped nor rounded."""
         signal = light_ms * np.float32(self.white_e_per_ms)
-        deviation = np.abs(signal)
-        deviation += np.float32(self.read_noise_e**2)
-        np.sqrt(deviation, out=deviation)
-        deviation *= rng.standard_normal(light_ms.shape, dtype=np.float32)
-        signal += deviation
+        noise = np.abs(signal)
+        noise += np.float32(self.read_noise_e**2)
+        np.sqrt(noise, out=noise)
+        noise *= rng.standard_normal(light_ms.shape, dtype=np.float32)
+        signal += noise
         signal *= np.float32(1.0 / self.gain_e_per_dn)
         return signal
 
@@ -105,7 +105,7 @@ class RecordedPixels:
     gain_e_per_dn: float | None
     read_noise_dn: float | None
     black_level_dn: float | None
-    stated: Mapping[str, Any]
+    info_fields: Mapping[str, Any]
 
     def expose(self, light_ms: FloatMap, _rng: np.random.Generator) -> Pixels:
         """Pixel values for an exposure; `light_ms` is pixel values times milliseconds."""

@@ -10,7 +10,7 @@ import pytest
 from rig import CameraError, FrameFlag, Rig
 from rig.cameras.camera import EXPOSURE_LAG_FRAMES
 
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 # Share of full scale, rig/simulation/sensor.py.
 SIMULATED_BLACK = 1 / 64
 
@@ -31,7 +31,7 @@ def black_level(rig: Rig) -> float:
 
 
 def test_frames_agree_with_the_camera_info(rig: Rig) -> None:
-    info, frame = rig.camera.info, rig.camera.read(PATIENCE_S)
+    info, frame = rig.camera.info, rig.camera.read(TIMEOUT_S)
     assert frame.pixels.shape == (info.height_px, info.width_px)
     assert frame.pixels.dtype == (np.uint8 if info.bit_depth == 8 else np.uint16)
     assert frame.bit_depth == info.bit_depth
@@ -42,7 +42,7 @@ def test_frames_agree_with_the_camera_info(rig: Rig) -> None:
 
 
 def test_frames_come_in_order_of_exposure_one_period_apart(rig: Rig) -> None:
-    frames = [rig.camera.read(PATIENCE_S) for _ in range(8)]
+    frames = [rig.camera.read(TIMEOUT_S) for _ in range(8)]
     starts = np.diff([frame.exposure_start_s for frame in frames])
     sequences = np.diff([frame.sequence for frame in frames])
     if not has_stamps(rig):
@@ -56,15 +56,15 @@ def test_frames_come_in_order_of_exposure_one_period_apart(rig: Rig) -> None:
 
 def test_no_exposure_ends_in_the_future(rig: Rig) -> None:
     for _ in range(8):
-        assert rig.camera.read(PATIENCE_S).exposure_end_s <= rig.clock.now_s()
+        assert rig.camera.read(TIMEOUT_S).exposure_end_s <= rig.clock.now_s()
 
 
 def test_at_most_a_queue_of_frames_is_stale_after_a_pause(rig: Rig) -> None:
-    rig.camera.read(PATIENCE_S)
+    rig.camera.read(TIMEOUT_S)
     rig.clock.sleep_s(0.2)
     now_s = rig.clock.now_s()
     stale = 0
-    while rig.camera.read(PATIENCE_S).exposure_start_s < now_s:
+    while rig.camera.read(TIMEOUT_S).exposure_start_s < now_s:
         stale += 1
     # One more frame was being exposed at that time.
     longest = rig.camera.info.queue_length + 1
@@ -77,7 +77,7 @@ def test_a_frame_begun_after_the_acknowledge_shows_the_new_light(rig: Rig) -> No
     for light in (None, 0, 2, None):
         switch = rig.lights.off() if light is None else rig.lights.select(light)
         not_before_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1e3
-        while (frame := rig.camera.read(PATIENCE_S)).exposure_start_s < not_before_s:
+        while (frame := rig.camera.read(TIMEOUT_S)).exposure_start_s < not_before_s:
             pass
         means.append(float(frame.pixels.mean()))
     assert means[1] > 2.0 * means[0]
@@ -93,14 +93,14 @@ def test_a_read_that_times_out_is_an_error_and_the_next_one_works(rig: Rig) -> N
 
     with pytest.raises(CameraError, match="no frame"):
         read_all()
-    assert rig.camera.read(PATIENCE_S).flags == FrameFlag.GOOD
+    assert rig.camera.read(TIMEOUT_S).flags == FrameFlag.GOOD
 
 
 def test_close_may_be_called_twice_and_ends_the_frames(rig: Rig) -> None:
     rig.camera.close()
     rig.camera.close()
     with pytest.raises(CameraError):
-        rig.camera.read(PATIENCE_S)
+        rig.camera.read(TIMEOUT_S)
 
 
 def test_the_exposure_can_be_changed_within_the_range_of_the_camera(rig: Rig) -> None:
@@ -117,7 +117,7 @@ def test_the_exposure_can_be_changed_within_the_range_of_the_camera(rig: Rig) ->
         camera.set_exposure(exposure_ms)
         assert camera.info.exposure_s == pytest.approx(exposure_ms / 1e3)
         for _ in range(camera.info.queue_length + EXPOSURE_LAG_FRAMES + 1):
-            frame = camera.read(PATIENCE_S)
+            frame = camera.read(TIMEOUT_S)
         levels.append(float(frame.pixels.mean()) - black_level(rig))
     if half_ms < configured_ms:
         assert levels[1] == pytest.approx(0.5 * levels[0], rel=0.02)

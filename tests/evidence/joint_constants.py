@@ -34,7 +34,7 @@ CONSTANTS = {
                      "_TYPICAL_SETS", "_TYPICAL_SPECTRAL", "_CONTRAST_VARIANCE",
                      "_SCATTER_POWER", "_LEAST_SCATTER", "_LARGEST_FACTOR", "_MEDIAN",
                      "_CLASS_SPREAD", "_PATCH_SPREAD"),
-    joint: ("_LEAST_NEW",),
+    joint: ("_MIN_SQUARED_DISTANCE",),
 }  # fmt: skip
 
 

@@ -55,7 +55,7 @@ def dark(
         raise InputError("give --rig RIG, or --from IMG with photographs of the covered lens")
     file = flow.calibration_at(calibration, sources or ())
     if rig is None:
-        part = _of_photographs(sources or [], gamma, bits)
+        part = _dark_of_photographs(sources or [], gamma, bits)
     else:
         from rig import open_rig
 
@@ -91,7 +91,7 @@ def _dark_of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     return dark_part(measured, dark, Setting.of_rig(rig), ("captured",))
 
 
-def _of_photographs(sources: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
+def _dark_of_photographs(sources: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
     import numpy as np
 
     from capture.calibration.setting import Setting
@@ -107,7 +107,7 @@ def _of_photographs(sources: list[Path], gamma: Gamma | None, bits: int | None) 
     if bits is None and sets and images[0].suffix.lower() != DNG:
         bits = sets[0].metadata.bit_depth
     photographs = flow.photographs_of(images, gamma, bits)
-    if photographs.largest is not None:
+    if photographs.depth_guessed_from is not None:
         raise InputError(
             f"{images[0]}: 16 bits, and dark pixels do not show the depth of the data; give --bits "
             "N, or a captured set of the same camera with --from"
@@ -160,7 +160,7 @@ def response(
         raise InputError("give --rig RIG to capture a ladder of exposures, or --from IMG|SET of it")
     file = flow.calibration_at(calibration, sources or ())
     if rig is None:
-        parts = _of_files(sources or [], exposures_ms, gamma, file.calibration)
+        parts = _response_of_files(sources or [], exposures_ms, gamma, file.calibration)
     else:
         from rig import open_rig
 
@@ -171,7 +171,7 @@ def response(
     flow.keep_parts(calibration, file, parts, replace=replace, json=json)
 
 
-def _of_files(
+def _response_of_files(
     sources: list[Path], exposures_ms: str | None, gamma: Gamma | None, calibration: Calibration
 ) -> list[MeasuredPart]:
     from capture.calibration.setting import Setting

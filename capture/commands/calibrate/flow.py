@@ -64,7 +64,7 @@ Yes = Annotated[bool, typer.Option("--yes", help="Do not ask whether the target 
 class Target:
     """The target of a procedure, below the camera."""
 
-    what: str  # after "put", such as "a white matt sheet"
+    name: str  # after "put", such as "a white matt sheet"
     surface: str  # as in `rig.Placement`
     size_mm: float | None = None  # diameter of a sphere, or side of a square of the checkerboard
     next_placement: str | None = None  # a request for each further placement
@@ -177,7 +177,7 @@ def place_target(
             change["shift_px"] = shift_px
         simulation.place(simulation.placement.model_copy(update=change))
     elif not yes:
-        request = f"put {target.what} under the camera"
+        request = f"put {target.name} under the camera"
         if again and target.next_placement is not None:
             request = target.next_placement
         ask(f"{request}, then press Enter")

@@ -19,7 +19,7 @@ from classify.base.regular_file import read_regular_file
 _MAX_BYTES = 1 << 20
 OWNER_ONLY = 0o600
 # A change takes 10 ms; a disk that is busy, a second.
-PATIENCE_S = 10.0
+TIMEOUT_S = 10.0
 
 _Model = TypeVar("_Model", bound=BaseModel)
 
@@ -39,7 +39,7 @@ class PrivateFile(Generic[_Model]):
     @contextmanager
     def changing(self) -> Iterator[None]:
         """Keep other threads and programs from changing the file during the block."""
-        with self._changing, file_lock(self._path, PATIENCE_S):
+        with self._changing, file_lock(self._path, TIMEOUT_S):
             yield
 
     def read(self) -> _Model:

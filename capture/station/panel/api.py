@@ -16,7 +16,7 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 from capture.base.names import NAME_PATTERN
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.results.audit import (
-    CHANGE_PATIENCE_S,
+    CHANGE_TIMEOUT_S,
     ChangeRecord,
     newest_changes,
     override_part,
@@ -204,7 +204,7 @@ def _triggered(
 @contextmanager
 def _changing(panel: Panel) -> Iterator[None]:
     """Hold `Panel.changing`; clicks on a locked database must not keep all threads of the panel."""
-    if not panel.changing.acquire(timeout=CHANGE_PATIENCE_S):
+    if not panel.changing.acquire(timeout=CHANGE_TIMEOUT_S):
         raise ResultsUnavailable("nothing was changed: another change waits for the database")
     try:
         yield

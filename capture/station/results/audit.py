@@ -21,7 +21,7 @@ from .history import HistoryEntry
 from .schema import changes
 from .store import AppendElsewhere, ResultStore, open_store
 
-CHANGE_PATIENCE_S = 5.0
+CHANGE_TIMEOUT_S = 5.0
 """A page that waits longer for a locked database says so."""
 _LONGEST_NAME = 200  # as in the approval of a recipe
 # Categories of Unicode: control, format (such as a change of direction), surrogates, separators.
@@ -99,7 +99,7 @@ class ResultsAccess:
                         config.name,
                         create=create,
                         alone=False,
-                        patience_s=CHANGE_PATIENCE_S,
+                        timeout_s=CHANGE_TIMEOUT_S,
                     )
                 except InputError as error:
                     raise ResultsUnavailable(str(error)) from error

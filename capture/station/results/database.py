@@ -20,7 +20,7 @@ from capture.station.domain.verdict import Cause
 from classify.base.errors import InputError, Ps4rigError
 
 # Twice as long as another program may lock the database without an error (README.md: 10 s).
-PATIENCE_S = 20.0
+TIMEOUT_S = 20.0
 _CONNECT_TIMEOUT_S = 5
 _PAUSE_S = 0.01  # between two tries of a new SQLite file
 # Cache of an SQLite connection that only reads. A scan of a table would fill SQLite's default of
@@ -67,7 +67,7 @@ def shown(url: URL) -> str:
     return url.update_query_dict(hidden).render_as_string()
 
 
-def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
+def sqlite_engine(url: URL, *, timeout_s: float, is_writer: bool) -> Engine:
     """Return connections to an SQLite file whose commits are on disk when they return.
 
     A writer locks at the beginning of a transaction: later it fails if another program has written.
@@ -77,15 +77,15 @@ def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
         poolclass=QueuePool,
         pool_size=1 if is_writer else 5,
         max_overflow=0 if is_writer else 10,
-        pool_timeout=patience_s,
-        connect_args={"timeout": patience_s, "check_same_thread": False},
+        pool_timeout=timeout_s,
+        connect_args={"timeout": timeout_s, "check_same_thread": False},
     )
 
     @event.listens_for(engine, "connect")
     def _prepare(connection: sqlite3.Connection, _record: Any) -> None:
         # Python must not begin transactions by itself: changes of tables belong to them too.
         connection.isolation_level = None
-        _use_write_ahead_log(connection, patience_s)
+        _use_write_ahead_log(connection, timeout_s)
         for pragma in ("synchronous = FULL", "foreign_keys = ON"):
             connection.execute(f"PRAGMA {pragma}")
         if not is_writer:
@@ -98,9 +98,9 @@ def sqlite_engine(url: URL, *, patience_s: float, is_writer: bool) -> Engine:
     return engine
 
 
-def _use_write_ahead_log(connection: sqlite3.Connection, patience_s: float) -> None:
+def _use_write_ahead_log(connection: sqlite3.Connection, timeout_s: float) -> None:
     """Switch to the write-ahead log; SQLite's time-out does not cover two that make the file."""
-    given_up_s = time.monotonic() + patience_s
+    given_up_s = time.monotonic() + timeout_s
     while True:
         try:
             connection.execute("PRAGMA journal_mode = WAL")
@@ -112,20 +112,20 @@ def _use_write_ahead_log(connection: sqlite3.Connection, patience_s: float) -> N
         time.sleep(_PAUSE_S)
 
 
-def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | None) -> Engine:
+def postgresql_engine(url: URL, *, timeout_s: float, writing_station: str | None) -> Engine:
     """Return connections to a PostgreSQL server whose commits wait for its disk.
 
     `writing_station` has one connection with a lock in the server, which refuses a second writer.
     """
-    patience_ms = max(1, round(patience_s * 1000))  # 0 would be no limit
-    settings = f"-c synchronous_commit=on -c statement_timeout={patience_ms}"
+    timeout_ms = max(1, round(timeout_s * 1000))  # 0 would be no limit
+    settings = f"-c synchronous_commit=on -c statement_timeout={timeout_ms}"
     try:
         engine = create_engine(
             url,
             poolclass=QueuePool,
             pool_size=1 if writing_station else 5,
             max_overflow=0 if writing_station else 10,
-            pool_timeout=patience_s,
+            pool_timeout=timeout_s,
             pool_pre_ping=writing_station is None,  # a writer repeats its transactions itself
             connect_args={
                 "connect_timeout": _CONNECT_TIMEOUT_S,
@@ -134,7 +134,7 @@ def postgresql_engine(url: URL, *, patience_s: float, writing_station: str | Non
                 "keepalives_idle": 5,
                 "keepalives_interval": 5,
                 "keepalives_count": 3,
-                "tcp_user_timeout": patience_ms,
+                "tcp_user_timeout": timeout_ms,
                 "application_name": f"ps4rig {writing_station or 'reader'}"[:63],
             },
         )

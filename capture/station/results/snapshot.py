@@ -14,7 +14,7 @@ from sqlalchemy import URL, Connection, select
 from classify.base.errors import InputError
 
 from .chain import head
-from .database import PATIENCE_S, database_url, shown, unavailable_if_failing
+from .database import TIMEOUT_S, database_url, shown, unavailable_if_failing
 from .history import ROWS_AT_A_TIME
 from .schema import removed_sets, results, same_part
 from .store import open_store
@@ -50,7 +50,7 @@ def _copy_file(path: Path, target: Path) -> None:
     try:
         with (
             closing(
-                sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", PATIENCE_S, uri=True)
+                sqlite3.connect(f"{path.absolute().as_uri()}?mode=rw", TIMEOUT_S, uri=True)
             ) as source,
             closing(sqlite3.connect(target)) as copy,
         ):

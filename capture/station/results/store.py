@@ -16,7 +16,7 @@ from classify.base.errors import InputError
 
 from .chain import Head, append, head
 from .database import (
-    PATIENCE_S,
+    TIMEOUT_S,
     ResultsUnavailable,
     database_url,
     postgresql_engine,
@@ -77,9 +77,9 @@ class ResultStore:
     """
 
     def __init__(
-        self, url: URL, station: str, writer: Engine, reader: Engine, patience_s: float
+        self, url: URL, station: str, writer: Engine, reader: Engine, timeout_s: float
     ) -> None:
-        self.url, self.station, self._patience_s = url, station, patience_s
+        self.url, self.station, self._timeout_s = url, station, timeout_s
         self._writer, self._reader = writer, reader
         self.append_elsewhere: AppendElsewhere = lambda *_: False
 
@@ -106,7 +106,7 @@ class ResultStore:
         It is repeated while a PostgreSQL server cannot be reached: `work` must first look whether
         an earlier attempt was committed before its answer was lost.
         """
-        last_attempt_s = time.monotonic() + self._patience_s
+        last_attempt_s = time.monotonic() + self._timeout_s
         while True:
             try:
                 with unavailable_if_failing(self.url), self._writer.begin() as connection:
@@ -302,7 +302,7 @@ def _begun_part(row: Row[Any]) -> BegunPart:
 
 def open_store(
     results: str, station: str, *, create: bool = False, alone: bool = True,
-    patience_s: float = PATIENCE_S,
+    timeout_s: float = TIMEOUT_S,
 ) -> ResultStore:  # fmt: skip
     """Open the results of a station; `create` makes missing tables.
 
@@ -312,13 +312,13 @@ def open_store(
     if url.get_backend_name() == "sqlite":
         if not create and not Path(results).is_file():
             raise InputError(f"{results}: no such file; {MADE_BY}")
-        writer = sqlite_engine(url, patience_s=patience_s, is_writer=True)
-        reader = sqlite_engine(url, patience_s=patience_s, is_writer=False)
+        writer = sqlite_engine(url, timeout_s=timeout_s, is_writer=True)
+        reader = sqlite_engine(url, timeout_s=timeout_s, is_writer=False)
     else:
         name = station if alone else None
-        writer = postgresql_engine(url, patience_s=patience_s, writing_station=name)
-        reader = postgresql_engine(url, patience_s=patience_s, writing_station=None)
-    store = ResultStore(url, station, writer, reader, patience_s)
+        writer = postgresql_engine(url, timeout_s=timeout_s, writing_station=name)
+        reader = postgresql_engine(url, timeout_s=timeout_s, writing_station=None)
+    store = ResultStore(url, station, writer, reader, timeout_s)
     try:
         if create:
             store.write(lambda connection: make_tables(connection, shown(url)))

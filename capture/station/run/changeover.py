@@ -16,7 +16,7 @@ from .station_rig import PartCamera
 from .triggers import Asker, RecipeRefusal, RecipeRefused
 
 # Time that a second asker waits for the first, whose recipe may have been taken just now.
-PATIENCE_S = 1.0
+TIMEOUT_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +60,7 @@ class Changeover:
         """Load a recipe while parts go on, and run the block with the request."""
         if self._recipes is None:
             raise RecipeRefused("the station judges no parts", RecipeRefusal.NOT_READY)
-        if not self._one.acquire(timeout=PATIENCE_S):
+        if not self._one.acquire(timeout=TIMEOUT_S):
             raise RecipeRefused("another recipe is being loaded", RecipeRefusal.BUSY)
         try:
             request = WantedRecipe(self._recipes.load(name, by, self._go_on), by)

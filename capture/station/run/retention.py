@@ -21,7 +21,7 @@ from classify.base.errors import InputError, Ps4rigError
 # Held while set files are removed, and by a backup while they must stay.
 _LOCK = "sets"
 # A removal of a day's files takes seconds.
-_PATIENCE_S = 60.0
+_TIMEOUT_S = 60.0
 # Files in one transaction; an interrupted removal repeats at most this many.
 _BATCH = 200
 # Least number of days with parts that stay: that of a clock set ahead, and the one before.
@@ -80,7 +80,7 @@ def removed_until(folder: Path, retention: Retention, now: datetime) -> str:
 def sets_stay(folder: Path) -> Iterator[None]:
     """Keep all set files during the block; wait for a removal in progress first."""
     make_folder(folder / PARTS)
-    with file_lock(folder / PARTS / _LOCK, _PATIENCE_S):
+    with file_lock(folder / PARTS / _LOCK, _TIMEOUT_S):
         yield
 
 

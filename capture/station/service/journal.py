@@ -27,7 +27,7 @@ from capture.station.run.states import State
 
 _SOCKET = Path("/run/systemd/journal/socket")
 # Time to wait for the journal to take an entry; after that only station.log has the entry.
-_PATIENCE_S = 1.0
+_TIMEOUT_S = 1.0
 # Priorities of syslog(3).
 _ERROR, _WARNING, _NOTICE, _INFO = 3, 4, 5, 6
 _OF_DECISION = {Decision.PASS: _INFO, Decision.ERROR: _WARNING}
@@ -57,7 +57,7 @@ class Journal:
         for line in text_lines(event):
             entry = b"".join(_encoded(*item) for item in (("MESSAGE", line), *fields))
             with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as journal:
-                journal.settimeout(_PATIENCE_S)
+                journal.settimeout(_TIMEOUT_S)
                 journal.sendto(entry, str(self._path))
 
 

@@ -18,7 +18,7 @@ USER = "ps4rig"
 _UNITS = "/etc/systemd/system"
 # Longest time between two reports of a worker, beside its exposures: a database that does not
 # answer is given up after 40 s at the latest, and some cameras take 10 s to open.
-_PATIENCE_S = 60.0
+_TIMEOUT_S = 60.0
 # Frame periods of a self-test for each light: three tests, two attempts, three frames.
 _PERIODS = 18
 # Drivers of serial adapters and of boards with USB: /proc/devices.
@@ -190,7 +190,7 @@ def _path(value: object) -> str:
 
 def _watchdog_s(rig: RigConfig) -> int:
     images = len(rig.lights.tilts_deg) + 1
-    return round(_PATIENCE_S + _PERIODS * images / rig.camera.frame_rate_hz)
+    return round(_TIMEOUT_S + _PERIODS * images / rig.camera.frame_rate_hz)
 
 
 def _devices(rig: RigConfig) -> tuple[list[str], list[str]]:

@@ -83,7 +83,7 @@ class GenicamCamera:
             exposure_s=self._exposure_ms / 1e3,
             queue_length=_BUFFERS,
             readout_s=None if config.readout_ms is None else config.readout_ms / 1e3,
-            start_known_to_s=config.start_known_to_s,
+            start_uncertainty_s=config.start_uncertainty_s,
             controls=self._controls,
             **self._pixel_values,
         )

@@ -77,7 +77,7 @@ class FakeGigeCamera:
     period, or after each `trigger`.
     """
 
-    places: ClassVar[str] = "ADDRESS, one of this machine"
+    place_help: ClassVar[str] = "ADDRESS, one of this machine"
 
     def __init__(self, place: str, config: CameraConfig) -> None:
         self._address = place

@@ -87,7 +87,7 @@ class V4l2Camera:
             exposure_s=self._mode.exposure_s,
             queue_length=self._queue_length,
             readout_s=None if readout_ms is None else readout_ms / 1e3,
-            start_known_to_s=self._config.start_known_to_s,
+            start_uncertainty_s=self._config.start_uncertainty_s,
             controls=self._controls,
             **self._pixel_values,
         )

@@ -121,7 +121,7 @@ _MOST_LATE = 1.0
 class LoopbackCamera:
     """A loopback device with frames at the configured rate; it has no exposure control."""
 
-    places: ClassVar[str] = "DEV, of v4l2loopback (modprobe v4l2loopback makes one)"
+    place_help: ClassVar[str] = "DEV, of v4l2loopback (modprobe v4l2loopback makes one)"
 
     def __init__(self, place: str, config: CameraConfig) -> None:
         self._place = place

@@ -12,7 +12,7 @@ from classify.texture.fields import texture_fields
 from classify.texture.heading import (
     HEADING_FLOATS,
     heading_moments,
-    heading_numbers,
+    heading_features,
     heading_scores,
     heading_variances,
 )
@@ -145,10 +145,10 @@ def test_the_opposite_orientation_has_the_opposite_score(
     scatter = rng.standard_normal((5, levels, 6)) + 1j * rng.standard_normal((5, levels, 6))
     moments = 3.0 * way + 0.1 * scatter
     typical = heading_variances(moments)
-    reference = heading_numbers(moments, typical)
+    reference = heading_features(moments, typical)
     assert reference.shape == (HEADING_FLOATS,)
     spins = np.array([1, 1, 1, 1, 1, 3])
-    rotated = heading_numbers(moments * np.exp(1j * np.radians(orientation_deg) * spins), typical)
+    rotated = heading_features(moments * np.exp(1j * np.radians(orientation_deg) * spins), typical)
     (score,) = heading_scores(rotated, reference[None], np.array([orientation_deg]))
     (other,) = heading_scores(rotated, reference[None], np.array([orientation_deg + 180.0]))
     assert score > 4.0
@@ -159,6 +159,6 @@ def test_moments_within_their_scatter_give_no_heading() -> None:
     rng = np.random.default_rng(1)
     moments = rng.standard_normal((5, 3, 6)) + 1j * rng.standard_normal((5, 3, 6))
     moments[0] = moments[1:].mean(axis=0)
-    numbers = heading_numbers(moments, heading_variances(moments))
+    numbers = heading_features(moments, heading_variances(moments))
     assert (numbers[-HEADING_FLOATS // 3 :] == 0.0).all()
     assert heading_scores(numbers, numbers[None], np.zeros(1)).tolist() == [0.0]

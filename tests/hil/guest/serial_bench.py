@@ -25,7 +25,7 @@ GADGET = "PICO-1"
 # Files that make the host unplug and plug that adapter.
 PULL, PLUG = Path("/mnt/pull"), Path("/mnt/plug")
 _CONFIGFS = Path("/sys/kernel/config")
-_PATIENCE_S = 20.0
+_TIMEOUT_S = 20.0
 
 
 def port_of(serial_number: str) -> str:
@@ -42,12 +42,12 @@ def port_of(serial_number: str) -> str:
 
 def wait_for(find: Callable[[], T]) -> T:
     """Call `find` until it returns a true value, and return that."""
-    deadline_s = time.monotonic() + _PATIENCE_S
+    deadline_s = time.monotonic() + _TIMEOUT_S
     while time.monotonic() < deadline_s:
         if found := find():
             return found
         time.sleep(0.02)
-    raise AssertionError(f"still nothing after {_PATIENCE_S:g} s")
+    raise AssertionError(f"still nothing after {_TIMEOUT_S:g} s")
 
 
 class Gadget:

@@ -5,7 +5,7 @@ import time
 import pytest
 
 from rig.lights import serial_line
-from rig.lights.serial_line import Patience, SerialLine
+from rig.lights.serial_line import ReplyTimeout, SerialLine
 
 
 class StalledPort:
@@ -33,8 +33,8 @@ def line(monkeypatch: pytest.MonkeyPatch) -> SerialLine:
 
 @pytest.mark.slow
 def test_time_in_which_the_program_did_not_run_is_not_waited_time(line: SerialLine) -> None:
-    patience = Patience(0.4)
-    assert line.read_line(patience) == b"1 OK"
-    assert 0.0 < patience.left_s < 0.4
-    assert line.read_line(patience) is None
-    assert line.read_line(patience) is None
+    timeout = ReplyTimeout(0.4)
+    assert line.read_line(timeout) == b"1 OK"
+    assert 0.0 < timeout.left_s < 0.4
+    assert line.read_line(timeout) is None
+    assert line.read_line(timeout) is None

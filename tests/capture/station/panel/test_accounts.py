@@ -114,7 +114,7 @@ def test_users_that_are_added_at_the_same_moment_are_all_kept(folder: Path) -> N
 def test_a_file_that_another_program_holds_is_left_as_it_is(
     folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("capture.station.domain.private_file.PATIENCE_S", 0.1)
+    monkeypatch.setattr("capture.station.domain.private_file.TIMEOUT_S", 0.1)
     with (
         file_lock(folder / "users.json", 0.0),
         pytest.raises(InputError, match=r"users\.json: another program changes it; try again"),

@@ -332,7 +332,7 @@ def test_a_change_behind_another_one_gives_its_thread_back(
 ) -> None:
     """A database that does not answer would else keep all threads of the panel."""
     (part_id,) = panel.parts(1)
-    monkeypatch.setattr("capture.station.panel.api.CHANGE_PATIENCE_S", 0.05)
+    monkeypatch.setattr("capture.station.panel.api.CHANGE_TIMEOUT_S", 0.05)
     engineer, given = panel.client(Role.ENGINEER), {"decision": "FAIL", "reason": "a dent"}
     with ThreadPoolExecutor(1) as click, panel.panel.changing:
         post = click.submit(engineer.post, f"/api/v1/parts/{part_id}/override", given)

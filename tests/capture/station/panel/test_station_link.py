@@ -317,7 +317,7 @@ def test_the_run_writes_the_changes_of_its_panel(
     folder: StationFolder, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A panel that a debugger stops in mid-write would hold the lock that results wait for."""
-    monkeypatch.setattr(audit, "CHANGE_PATIENCE_S", 0.1)
+    monkeypatch.setattr(audit, "CHANGE_TIMEOUT_S", 0.1)
     results = folder.config.results_in(folder.path)
     kim = Identity("kim", Role.ENGINEER, "page")
     with open_store(results, folder.config.name, create=True) as store:

@@ -217,7 +217,7 @@ def test_a_locked_database_is_waited_for(tmp_path: Path, locked_s: float) -> Non
 def test_a_locked_table_is_waited_for_until_it_is_unavailable(server: PostgresqlServer) -> None:
     url = server.make_database("locked")
     with (
-        open_store(url, "line-1", create=True, patience_s=2.0) as store,
+        open_store(url, "line-1", create=True, timeout_s=2.0) as store,
         open_store(url, "line-2", create=True) as patient,
     ):
         result, of_patient = result_of(begin(store)), result_of(begin(patient), station="line-2")
@@ -246,7 +246,7 @@ def test_a_reader_survives_a_restart_of_the_server(server: PostgresqlServer) -> 
 
 def test_a_database_locked_for_longer_is_unavailable_and_loses_nothing(tmp_path: Path) -> None:
     path = tmp_path / "results.sqlite"
-    with open_store(str(path), "line-1", create=True, patience_s=0.1) as store:
+    with open_store(str(path), "line-1", create=True, timeout_s=0.1) as store:
         result = result_of(begin(store))
         other = sqlite3.connect(path, isolation_level=None)
         other.execute("BEGIN EXCLUSIVE")
@@ -271,7 +271,7 @@ def test_a_new_database_that_another_program_prepares_is_waited_for(tmp_path: Pa
 
 def test_commits_of_sqlite_are_on_disk_when_they_return(tmp_path: Path) -> None:
     url = database_url(str(tmp_path / "results.sqlite"))
-    with sqlite_engine(url, patience_s=1.0, is_writer=True).connect() as connection:
+    with sqlite_engine(url, timeout_s=1.0, is_writer=True).connect() as connection:
         settings = "journal_mode", "synchronous", "foreign_keys"
         found = [connection.exec_driver_sql(f"PRAGMA {each}").scalar() for each in settings]
     assert found == ["wal", 2, 1]  # 2: FULL
@@ -280,7 +280,7 @@ def test_commits_of_sqlite_are_on_disk_when_they_return(tmp_path: Path) -> None:
 @pytest.mark.postgresql
 def test_commits_of_postgresql_are_on_disk_when_they_return(server: PostgresqlServer) -> None:
     url = database_url(server.url)
-    engine = postgresql_engine(url, patience_s=1.0, writing_station=None)
+    engine = postgresql_engine(url, timeout_s=1.0, writing_station=None)
     with engine.connect() as connection:
         assert connection.exec_driver_sql("SHOW synchronous_commit").scalar() == "on"
     engine.dispose()
@@ -291,7 +291,7 @@ def test_a_second_program_of_a_station_is_refused(server: PostgresqlServer) -> N
     url = server.make_database("two-programs")
     with open_store(url, "line-1", create=True) as store:
         with pytest.raises(ResultsUnavailable, match="another program writes for station line-1"):
-            open_store(url, "line-1", patience_s=0.5)
+            open_store(url, "line-1", timeout_s=0.5)
         part_id = inspect(store).part_id
         with open_store(url, "line-1", alone=False) as beside:
             beside.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
@@ -336,5 +336,5 @@ def test_another_kind_of_database_is_refused(results: str) -> None:
 )
 def test_a_password_is_in_no_message(results: str) -> None:
     with pytest.raises(ResultsUnavailable) as caught:
-        open_store(results, "line-1", patience_s=0.0)
+        open_store(results, "line-1", timeout_s=0.0)
     assert "secret" not in str(caught.value)

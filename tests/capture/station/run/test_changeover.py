@@ -292,7 +292,7 @@ def failing_once(station: Bench) -> Callable[..., Any]:
 
 
 def test_one_recipe_is_loaded_at_a_time(station: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("capture.station.run.changeover.PATIENCE_S", 0.01)
+    monkeypatch.setattr("capture.station.run.changeover.TIMEOUT_S", 0.01)
     loading, go_on = threading.Event(), threading.Event()
 
     def load(_: str) -> None:

@@ -136,7 +136,7 @@ def test_missed_parts_do_not_hold_up_a_station_whose_database_is_locked(
     refused: list[str] = []
 
     class Slow:
-        """Each record takes the patience of the store."""
+        """Each record takes the timeout of the store."""
 
         def refuse(self, _: Trigger, reason: str) -> Refused:
             refused.append(reason)

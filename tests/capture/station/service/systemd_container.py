@@ -19,7 +19,7 @@ _ROOT = Path(__file__).parents[4]
 # Where a machine with both versions of control groups has the second one.
 _CGROUPS = (Path("/sys/fs/cgroup/unified"), Path("/sys/fs/cgroup"))
 _NAMESPACES = ("--mount", "--pid", "--ipc", "--uts", "--cgroup")
-_PATIENCE_S = 300.0
+_TIMEOUT_S = 300.0
 
 
 class SystemdContainer:
@@ -42,7 +42,7 @@ class SystemdContainer:
         done = subprocess.run(
             [*enter, path, *map(str, command)],
             stdin=subprocess.DEVNULL, capture_output=True, text=True,
-            timeout=_PATIENCE_S, check=False,
+            timeout=_TIMEOUT_S, check=False,
         )  # fmt: skip
         assert not check or done.returncode == 0, f"{shlex.join(map(str, command))}: {done}"
         return done
@@ -53,7 +53,7 @@ class SystemdContainer:
 
     def until(self, is_there: Callable[[], bool]) -> None:
         """Wait until something holds."""
-        ends_s = time.monotonic() + _PATIENCE_S
+        ends_s = time.monotonic() + _TIMEOUT_S
         while not is_there():
             assert time.monotonic() < ends_s, self.run("journalctl", "-n", "40").stdout
             time.sleep(0.2)
@@ -86,7 +86,7 @@ def systemd_container(shared: Path) -> Iterator[SystemdContainer]:
 
 
 def _booted(parent: subprocess.Popen[bytes], shared: Path) -> SystemdContainer:
-    ends_s = time.monotonic() + _PATIENCE_S
+    ends_s = time.monotonic() + _TIMEOUT_S
     children = Path(f"/proc/{parent.pid}/task/{parent.pid}/children")
     while True:
         assert parent.poll() is None, parent.communicate()[0].decode(errors="replace")

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-_PATIENCE_S = 60.0
+_TIMEOUT_S = 60.0
 
 
 class SystemdSocket:
@@ -29,7 +29,7 @@ class SystemdSocket:
 
     def until(self, is_there: Callable[[], bool]) -> None:
         """Receive until something holds."""
-        ends_s = time.monotonic() + _PATIENCE_S
+        ends_s = time.monotonic() + _TIMEOUT_S
         while not is_there():
             assert time.monotonic() < ends_s, self.said
             self.receive(0.2)

@@ -32,7 +32,7 @@ pytestmark = pytest.mark.genicam
 CAMERA = {
     "width_px": 96, "height_px": 64, "bits": 16, "frame_rate_hz": 30.0, "exposure_ms": 15.0
 }  # fmt: skip
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 ROOT = Path(__file__).parents[4]
 
 
@@ -180,9 +180,9 @@ def test_a_program_that_lost_control_gets_no_frames(served: GigeRig) -> None:
 
 def test_a_frame_that_lost_packets_is_corrupt_and_in_no_set() -> None:
     with gige_rig(CAMERA, lost_packets=20.0) as served, open_rig(served.config) as rig:
-        frames = [rig.camera.read(PATIENCE_S)]
+        frames = [rig.camera.read(TIMEOUT_S)]
         while len({frame.flags for frame in frames}) < 2 or len(frames) < 40:
-            frames.append(rig.camera.read(PATIENCE_S))
+            frames.append(rig.camera.read(TIMEOUT_S))
         corrupt = [frame for frame in frames if frame.flags != FrameFlag.GOOD]
         assert not any(frame.pixels.any() for frame in corrupt)
         numbers = np.diff([frame.sequence for frame in frames])
@@ -201,7 +201,7 @@ def test_a_large_frame_fits_the_socket() -> None:
         # By default 3 of 4 lost packets, also on an idle machine.
         while 5 * str(int(FrameFlag.GOOD)) not in flags:
             assert len(flags) < 60
-            flags += str(int(rig.camera.read(PATIENCE_S).flags))
+            flags += str(int(rig.camera.read(TIMEOUT_S).flags))
 
 
 class LateFrames:
@@ -230,7 +230,7 @@ def test_a_served_camera_sends_no_image_without_a_frame_and_answers(served: Gige
 
 def test_a_camera_that_restarts_is_found_again(served: GigeRig) -> None:
     with open_rig(served.config) as rig:
-        rig.camera.read(PATIENCE_S)
+        rig.camera.read(TIMEOUT_S)
         served.restart()
         while frames_are_left(rig):
             pass
