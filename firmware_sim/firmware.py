@@ -67,7 +67,7 @@ def crc8(data: bytes) -> int:
 
 
 class _Lamps:
-    """The LEDs: at most one is lit, and each spends and restores a budget of time."""
+    """The LEDs: at most one is lit. A token bucket limits on-time and duty cycle of each."""
 
     def __init__(self, board: "Board") -> None:
         self._board = board
@@ -82,8 +82,8 @@ class _Lamps:
         if self.selected != DARK:
             self._budget(self.selected)
         if led != DARK:
-            share_percent = 100 - self._board.max_duty_percent(led)
-            lasts_ms = self._budget(led) // share_percent
+            drain_percent = 100 - self._board.max_duty_percent(led)
+            lasts_ms = self._budget(led) // drain_percent
             self.exhausted_us = self._counted_us[led] + 1000 * lasts_ms
         self.selected = led
         changed_us = 0

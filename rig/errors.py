@@ -30,10 +30,10 @@ class CameraError(HardwareError):
 
 @dataclass(frozen=True)
 class ControlFault:
-    """One control of a camera that does not hold its configured value."""
+    """One control of a camera that does not hold its configured value, and what to do."""
 
     control: str
-    seen: str
+    message: str
     advice: str
 
 
@@ -43,4 +43,4 @@ class ControlError(CameraError):
     def __init__(self, path: str, *faults: ControlFault) -> None:
         self.faults = faults
         advices = dict.fromkeys(fault.advice for fault in faults)
-        super().__init__(f"{path}: " + "; ".join([*(fault.seen for fault in faults), *advices]))
+        super().__init__(f"{path}: " + "; ".join([*(fault.message for fault in faults), *advices]))

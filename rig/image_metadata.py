@@ -25,13 +25,13 @@ _XMP_NUMBER = re.compile(
 )
 # EXIF data and XMP in the image resources of Photoshop, without a name, and their length.
 _PHOTOSHOP_RESOURCE = re.compile(rb"8BIM\x04[\x22\x24]\0\0(.{4})", re.DOTALL)
-# Some programs write it in capitals, end it by another byte, or write it twice.
+# The marker before EXIF data; some programs write it in capitals, with another last byte, or twice.
 _EXIF_NAME = re.compile(rb"\A(?:exif\0.)+", re.DOTALL | re.IGNORECASE)
 _TIFF_BLOBS, _EXIF_TEXT = ("XMP", "ImageResources"), "exif:Orientation"
 _SRGB, _UNCALIBRATED = 1, 0xFFFF
 _RESPONSE_TAGS = ("GrayResponseCurve", "TransferFunction", "ReferenceBlackWhite")
-# Largest difference, in 255 steps of lightness, between a profile and the response that it has:
-# rounding. Gamma 2.2 differs from sRGB by 8.
+# Largest difference, in 255 steps of lightness, between a profile and a response for both to count
+# as equal: rounding alone. Gamma 2.2 differs from sRGB by 8.
 _PROFILE_TOLERANCE = 1
 
 
@@ -58,10 +58,10 @@ def metadata_of_info(
     directories.append({"Orientation": info.get(_EXIF_TEXT, 0)})
     if "icc_profile" in info:
         profiles.insert(0, info["icc_profile"])
-    stated = [*responses, *map(_profile_response, profiles), *["srgb"] * ("srgb" in info)]
+    found = [*responses, *map(_profile_response, profiles), *["srgb"] * ("srgb" in info)]
     if "gamma" in info:
-        stated.append(power_response(1.0 / info["gamma"] if info["gamma"] else math.inf))
-    return _metadata(directories, packets, stated)
+        found.append(power_response(1.0 / info["gamma"] if info["gamma"] else math.inf))
+    return _metadata(directories, packets, found)
 
 
 def metadata_of_pages(*pages: Any) -> ImageMetadata:
@@ -100,19 +100,19 @@ def _contents(blobs: Iterable[bytes]) -> tuple[list[Mapping[Any, Any]], list[byt
 def _metadata(
     directories: Sequence[Mapping[Any, Any]], packets: Sequence[bytes], responses: Sequence[str]
 ) -> ImageMetadata:
-    stated = [("Orientation", ifd.get("Orientation", 0)) for ifd in directories]
-    stated += [("ColorSpace", ifd["ColorSpace"]) for ifd in directories if "ColorSpace" in ifd]
+    fields = [("Orientation", ifd.get("Orientation", 0)) for ifd in directories]
+    fields += [("ColorSpace", ifd["ColorSpace"]) for ifd in directories if "ColorSpace" in ifd]
     for packet in packets:
         pairs = _XMP_NUMBER.findall(packet.replace(b"\0", b""))
-        stated += [(name.decode(), number.decode(errors="replace")) for name, number in pairs]
+        fields += [(name.decode(), number.decode(errors="replace")) for name, number in pairs]
     # Cameras that do not know the orientation write 0.
-    orientations = {_whole(value) for name, value in stated if name == "Orientation"} - {0}
+    orientations = {_whole(value) for name, value in fields if name == "Orientation"} - {0}
     if len(orientations) > 1 or not orientations <= {*range(1, 9)}:
         listed = " and ".join(map(str, sorted(orientations)))
         raise InputError(f"its EXIF and XMP data state orientation {listed}; remove the wrong one")
     tags = {name: value for ifd in directories for name, value in ifd.items()}
     responses = [*responses, *(f"a {name}" for name in _RESPONSE_TAGS if name in tags)]
-    for space in {_whole(value) for name, value in stated if name == "ColorSpace"}:
+    for space in {_whole(value) for name, value in fields if name == "ColorSpace"}:
         if space != _UNCALIBRATED:
             responses.append("srgb" if space == _SRGB else f"colour space {space}")
     if "Gamma" in tags:

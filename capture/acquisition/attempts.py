@@ -218,7 +218,7 @@ def _capture(
     rig: Rig,
     average: int,
     history: FrameHistory,
-    arrived: Callable[[SetImage], None] = lambda _: None,
+    on_image: Callable[[SetImage], None] = lambda _: None,
     part: ArrivedPart | None = None,
     *,
     is_retake: bool = False,
@@ -227,13 +227,13 @@ def _capture(
     if rig.config.sequence_plan is not None:
         images = images_in_sequence(rig, average, part)
         for image in images:
-            arrived(image)
+            on_image(image)
         return images
     # Lights of equal sign in the redundancy follow each other, the second ambient image between the
     # two groups: then extra light during any consecutive images shows in the residual or there.
     first, second = like_signed(rig.lighting)
     order = (*first, *second)[::-1] if is_retake else (None, *first, None, *second)
-    return images_under(rig, order, average, history, arrived)
+    return images_under(rig, order, average, history, on_image)
 
 
 def _retake(rig: Rig, average: int, history: FrameHistory) -> npt.NDArray[np.uint16]:
@@ -275,5 +275,7 @@ def _flush(rig: Rig) -> None:
 
 def _camera_record(info: CameraInfo) -> CameraRecord:
     timing = {"exposure_ms": 1000.0 * info.exposure_s, "frame_rate_hz": 1.0 / info.frame_period_s}
-    alike = {name: getattr(info, name) for name in CameraRecord.model_fields.keys() - timing.keys()}
-    return CameraRecord(**alike, **timing)
+    from_info = {
+        name: getattr(info, name) for name in CameraRecord.model_fields.keys() - timing.keys()
+    }
+    return CameraRecord(**from_info, **timing)

@@ -8,8 +8,8 @@ from rig import CameraError, CameraInfo, Frame, Rig, Switch
 from rig.config.lights import led_names
 from rig.fresh_frame import FrameKind, NoFreshFrameError, kind_of, next_fresh_frame
 
-# Pixels compared. With noise of 1 DN two exposures agree in a third of their pixels; even where
-# most of the noise is rounded away, some of so many pixels differ.
+# Pixels compared to find a repeated frame. Two exposures with a noise of 1 DN agree in a third of
+# their pixels; with much less noise, at least one pixel of so many differs.
 _SAMPLED_PX = 4096
 
 
@@ -59,8 +59,8 @@ def _sample(frame: Frame) -> bytes:
     return sample.tobytes() if int(sample.max()) - int(sample.min()) > 1 else b""
 
 
-# Frames over which one time stamp bounds another: the buffers of a V4L2 camera. Over more frames,
-# the error of the period is larger than the pause between two exposures.
+# Frames over which one time stamp predicts another: as many as a V4L2 camera buffers. Over more,
+# the accumulated error of the period exceeds the pause between two exposures.
 _MAX_FRAMES = 4
 # Relative error of the frame period that a camera reports: `RATE_TOLERANCE` of
 # rig/cameras/v4l2/device.py.

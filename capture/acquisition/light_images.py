@@ -66,11 +66,11 @@ def images_under(
     lights: Sequence[int | None],
     average: int,
     history: FrameHistory,
-    arrived: Callable[[SetImage], None] = lambda _: None,
+    on_image: Callable[[SetImage], None] = lambda _: None,
 ) -> list[SetImage]:
     """Capture one image under each light (None: all LEDs off); the last light stays on.
 
-    `arrived` is given each image while the next one is exposed, and must return at once.
+    `on_image` is given each image while the next one is exposed, and must return at once.
     """
     slot = _LightSlot(rig, lights[0], switch_to(rig, lights[0]), average, history)
     images = []
@@ -78,10 +78,10 @@ def images_under(
         switch = slot.end_with_switch_to(light)
         images.append(slot.image())
         slot = _LightSlot(rig, light, switch, average, history)
-        arrived(images[-1])
+        on_image(images[-1])
     slot.end()
     images.append(slot.image())
-    arrived(images[-1])
+    on_image(images[-1])
     return images
 
 

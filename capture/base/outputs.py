@@ -14,7 +14,7 @@ _BEGIN_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
 def escaped(text: str) -> str:
-    """Return a text without line breaks and commands of the terminal, which are escaped."""
+    """Escape the line breaks and other control characters of a text."""
     return "".join(
         character if character.isprintable() else character.encode("unicode_escape").decode()
         for character in text

@@ -56,7 +56,7 @@ class PartRecord(Record):
     setting: Setting = Field(description="rig, camera, frame, exposure, gain and lights of it")
     quality: str = Field(description="in words")
     figures: dict[str, FiniteFloat] = Field(
-        default_factory=dict, description="by name; without a unit there, a share or a count"
+        default_factory=dict, description="by name; a name without a unit is a share or a count"
     )
     source: tuple[str, ...] = Field(description="captured, or the names of sets or images")
     software_version: str = Field(
@@ -206,7 +206,7 @@ class CalibrationFile:
         """
         path = Path(path)
         if path.suffix != SUFFIX:
-            raise InputError(f"{path}: let the name of a calibration end in {SUFFIX}")
+            raise InputError(f"{path}: the name of a calibration must end in {SUFFIX}")
         header, arrays = self._encoding
         write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
 
@@ -335,7 +335,7 @@ def _alternative(hint: Any, accepts: Callable[[Any], bool], path: str) -> Any:
     for alternative in (hint, *get_args(hint)):
         if accepts(alternative):
             return alternative
-    raise InputError(f"field {path} is of another kind")
+    raise InputError(f"field {path} has the wrong type")
 
 
 def _is_array(hint: Any) -> bool:
@@ -361,7 +361,7 @@ def _checked_value(value: Any, hint: Any, path: str) -> Any:
     if value is None and type(None) in get_args(hint):
         return None
     if is_array_or_part:
-        raise InputError(f"field {path} is of another kind")
+        raise InputError(f"field {path} has the wrong type")
     adapter: TypeAdapter[Any] = TypeAdapter(hint, config={"allow_inf_nan": False})
     try:
         return adapter.validate_python(tuple(value) if isinstance(value, list) else value)

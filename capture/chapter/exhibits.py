@@ -104,7 +104,7 @@ def _summary(results: Results) -> Exhibit:
         ("PS4, 2D", "ps4", plan.THESIS, plan.ONE_SEGMENT, _THESIS_PS4_2D),
         ("PS4, 2D, averaged over segments", "ps4", plan.THESIS, "", _NOT_IN_THESIS),
         ("Varma-Zisserman, 28 training images",
-         plan.BEST_SOLVER, plan.TEXTONS, plan.OF_28_IMAGES, _THESIS_TEXTONS),
+         plan.BEST_SOLVER, plan.TEXTONS, plan.WITH_28_IMAGES, _THESIS_TEXTONS),
         ("ours: robust PS4, joint", plan.BEST_SOLVER, plan.OURS, "", _NOT_IN_THESIS),
     )  # fmt: skip
     return Exhibit(
@@ -191,8 +191,8 @@ def _by_texture(results: Results) -> Exhibit:
 
 def _one_against_two_dimensions(results: Results) -> Exhibit:
     systems = (
-        *((name, plan.ONE_SEGMENT) for name in plan.OF_SPECTRA),
-        *((name, "") for name in (*plan.OF_SPECTRA, plan.OURS)),
+        *((name, plan.ONE_SEGMENT) for name in plan.SPECTRA_CLASSIFIERS),
+        *((name, "") for name in (*plan.SPECTRA_CLASSIFIERS, plan.OURS)),
     )
     names = [f"{CLASSIFIER_TITLES[name]}{suffix}" for name, suffix in systems]
     rows: list[Row] = []
@@ -228,7 +228,7 @@ def _against_textons(results: Results) -> Exhibit:
             cost.images,
             *_of_chapter(
                 results, plan.BEST_SOLVER, cost.classifier,
-                plan.OF_28_IMAGES if cost.training_images == 28 else "",
+                plan.WITH_28_IMAGES if cost.training_images == 28 else "",
             ),
             thesis.get((cost.classifier, cost.training_images), _NOT_IN_THESIS),
             cost.solve_ms,

@@ -19,17 +19,17 @@ Protocol = Literal["disjoint", "rotated"]
 
 OURS, TEXTONS = "joint", "varma_zisserman"
 THESIS, ONE_D = "spectra_2d", "polar_radial"
-OF_SPECTRA = ("polar", ONE_D, "spectra_2d_power", THESIS)
+SPECTRA_CLASSIFIERS = ("polar", ONE_D, "spectra_2d_power", THESIS)
 """The classifiers of the thesis that compare spectra of surfaces."""
 
 SOLVERS: tuple[Method, ...] = ("ps3a", "ps4", "ps4_robust")
 BEST_SOLVER: Method = SOLVERS[-1]
 
-ONE_SEGMENT, OF_28_IMAGES = ", one segment", ", 28 images"
+ONE_SEGMENT, WITH_28_IMAGES = ", one segment", ", 28 images"
 """Suffixes of the names of runs."""
 
 # Seven sets of four images are the 28 training images of each class in table 9.1.
-_ORIENTATIONS_OF_28_IMAGES_DEG = tuple(180.0 * i / 7 for i in range(7))
+_ORIENTATIONS_FOR_28_IMAGES_DEG = tuple(180.0 * i / 7 for i in range(7))
 # Synthetic textures that differ little from another one. The other 22 and the 8 bundled materials
 # are the 30 textures of the chapter.
 _NEAR_DUPLICATES = (
@@ -164,7 +164,8 @@ class Experiment:
     def frame_px(self) -> int:
         """Side of the largest frame."""
         conditions = {test.conditions for test in self.tests}
-        return max(at.size_px for at in conditions | {run.conditions for run in self.training})
+        conditions |= {run.conditions for run in self.training}
+        return max(condition.size_px for condition in conditions)
 
     @property
     def facts(self) -> dict[str, object]:
@@ -244,12 +245,12 @@ def _slants(frame_px: int, orientations_deg: tuple[float, ...], quick: bool) -> 
     runs = []
     for slant_deg in (40, 60, 80) if quick else range(10, 90, 10):
         for shadows in (False, True):
-            at = Conditions(float(slant_deg), frame_px, shadows=shadows)
+            conditions = Conditions(float(slant_deg), frame_px, shadows=shadows)
             name = f"slant {slant_deg} {'with' if shadows else 'without'} shadow"
             spectra = TrainingRun(
-                name + ONE_SEGMENT, four, at, (ONE_D, THESIS), SOLVERS, one_segment=True
+                name + ONE_SEGMENT, four, conditions, (ONE_D, THESIS), SOLVERS, one_segment=True
             )
-            runs += [TrainingRun(name, four, at, (OURS,), SOLVERS), spectra]
+            runs += [TrainingRun(name, four, conditions, (OURS,), SOLVERS), spectra]
     return Experiment("slants", same_conditions(runs), orientations_deg)
 
 
@@ -259,14 +260,14 @@ def _thirty(
     """Figures 9.11 and 9.13, table 9.1: the thirty textures of the chapter."""
     textures, runs = thirty_textures(quick), []
     for slant_deg in slants_deg:
-        at = Conditions(slant_deg, frame_px)
+        conditions = Conditions(slant_deg, frame_px)
         name = f"slant {slant_deg:g}"
         runs += [
-            TrainingRun(name, textures, at, CLASSIFIER_NAMES, SOLVERS),
-            TrainingRun(name + ONE_SEGMENT, textures, at, OF_SPECTRA, SOLVERS, one_segment=True),
+            TrainingRun(name, textures, conditions, CLASSIFIER_NAMES, SOLVERS),
+            TrainingRun(name + ONE_SEGMENT, textures, conditions, SPECTRA_CLASSIFIERS, SOLVERS, one_segment=True),
             TrainingRun(
-                name + OF_28_IMAGES, textures, at, (TEXTONS,), SOLVERS[-1:],
-                _ORIENTATIONS_OF_28_IMAGES_DEG,
+                name + WITH_28_IMAGES, textures, conditions, (TEXTONS,), SOLVERS[-1:],
+                _ORIENTATIONS_FOR_28_IMAGES_DEG,
             ),
         ]  # fmt: skip
     return Experiment("thirty", same_conditions(runs), orientations_deg, ("rotated", "disjoint"))

@@ -213,7 +213,7 @@ def patch_tasks(experiment: plan.Experiment, folder: Path) -> Iterator[PatchTask
 
 
 class _PatchMatch(NamedTuple):
-    """A test patch with one system; `signature` is what the library compares."""
+    """Match of a test patch by one system; `signature` is what the library compares."""
 
     system: System
     trial: Trial

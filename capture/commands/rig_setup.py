@@ -153,11 +153,11 @@ def simulate(
     try:
         out.print(f"lights: {simulation.port}")
         if simulation.camera is not None:
-            keys = config.camera
+            settings = config.camera
             out.print(
                 f"camera: {camera}, {simulation.camera.pixel_format} "
-                f"{keys.width_px}x{keys.height_px}, {keys.frame_rate_hz:g} Hz, "
-                f"exposure {keys.exposure_ms:g} ms",
+                f"{settings.width_px}x{settings.height_px}, {settings.frame_rate_hz:g} Hz, "
+                f"exposure {settings.exposure_ms:g} ms",
             )
         sys.stdout.flush()
         _run(simulation)

@@ -64,15 +64,18 @@ def latency(
     out.print(f"stored in {rig}" if stored else "nothing was stored")
 
 
-def _print_latency(measured: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]) -> None:
+def _print_latency(
+    measured: CameraLatency, changes: Mapping[str, Mapping[str, str | float]]
+) -> None:
     fit = measured.fit
-    table = new_table("row", "complete after", "at most", "frames before it")
+    table = new_table("row", "typical latency", "longest", "frames before")
     for name, row in (("first", measured.first_row), ("last", measured.last_row)):
         frames = f"up to {row.most_frames}"
         table.add_row(name, f"{row.typical_ms:.1f} ms", f"{row.most_ms:.1f} ms", frames)
     print_table(table)
     out.print(
-        f"{fit.caught} frames contain one of {measured.switches} switches. The LED rises in "
+        f"{fit.caught} frames were being exposed at one of {measured.switches} switches. The LED "
+        "rises in "
         f"{1e3 * fit.rise_s:.2f} ms and falls in {1e3 * fit.fall_s:.2f} ms (10 to 90 %); it is "
         f"within a thousandth of its level after {measured.settle_ms:g} ms. Rows are read out "
         f"{'upwards' if fit.bottom_up else 'downwards'} in {1e3 * fit.readout_s:.2f} +- "

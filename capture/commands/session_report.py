@@ -41,12 +41,12 @@ def status(
     session = read_session(folder)
     gone = set(session.missing())
     read = progress(session.read_again(), len(session.plan) - len(gone), "sets")
-    unread = {planned: why for planned, why in read if isinstance(why, str | InputError)}
-    damaged = {planned: why for planned, why in unread.items() if isinstance(why, str)}
-    unreadable = {planned: why for planned, why in unread.items() if planned not in damaged}
+    problems = {planned: result for planned, result in read if isinstance(result, str | InputError)}
+    damaged = {planned: reason for planned, reason in problems.items() if isinstance(reason, str)}
+    unreadable = {planned: error for planned, error in problems.items() if planned not in damaged}
     missing = [planned for planned in session.plan.sets() if planned in gone or planned in damaged]
     entered = map(session.journal.entry_of, session.plan.sets())
-    skipped = session.left_out()
+    left_out = session.left_out()
     warned = [entry for entry in entered if entry and entry.measures and entry.measures.warnings]
     if json:
         print_json(
@@ -58,9 +58,10 @@ def status(
                     {**_as_json(planned), "reason": reason} for planned, reason in damaged.items()
                 ],
                 "unreadable": [
-                    {**_as_json(planned), "reason": str(why)} for planned, why in unreadable.items()
+                    {**_as_json(planned), "reason": str(error)}
+                    for planned, error in unreadable.items()
                 ],
-                "skipped": [entry.model_dump(mode="json") for entry in skipped],
+                "skipped": [entry.model_dump(mode="json") for entry in left_out],
                 "unplanned": [entry.model_dump(mode="json") for entry in session.unplanned()],
                 "warned": [entry.model_dump(mode="json") for entry in warned],
                 "runs": [run.model_dump(mode="json") for run in session.journal.runs],
@@ -70,15 +71,15 @@ def status(
     _print_counts(session, missing)
     for line in unplanned_text(session.unplanned()):
         out.print(line)
-    for entry in skipped:
+    for entry in left_out:
         planned = session.plan.planned(*entry.key)
         out.print(f"{planned}: {entry.skipped}")
-    if skipped:
+    if left_out:
         out.print(left_out_text(session))
     for planned, reason in damaged.items():
         out.print(f"{planned}: its file is damaged: {reason}")
-    for planned, why in unreadable.items():
-        out.print(f"{planned}: {why}")
+    for planned, error in unreadable.items():
+        out.print(f"{planned}: {error}")
     for entry in warned:
         assert entry.measures is not None
         out.print(f"{entry.file}: {'; '.join(entry.measures.warnings)}")
@@ -86,15 +87,15 @@ def status(
 
 def _print_counts(session: SessionFolder, missing: Sequence[PlannedSet]) -> None:
     """Print how many sets are there, of each specimen too, and the runs."""
-    planned, skipped = len(session.plan), len(session.left_out())
+    planned, left_out = len(session.plan), len(session.left_out())
     out.print(
-        f"{session.path}: {planned} sets planned, {planned - len(missing) - skipped} captured, "
-        f"{skipped} left out, {len(missing)} missing",
+        f"{session.path}: {planned} sets planned, {planned - len(missing) - left_out} captured, "
+        f"{left_out} left out, {len(missing)} missing",
     )
     table = new_table("specimen", "captured", "missing at degrees", prose="missing at degrees")
     for specimen in session.plan.specimen:
-        own = [lost for lost in missing if lost.specimen == specimen.id]
-        angles = dict.fromkeys(f"{lost.orientation_deg:g}" for lost in own)
+        missing_of_specimen = [lacking for lacking in missing if lacking.specimen == specimen.id]
+        angles = dict.fromkeys(f"{lacking.orientation_deg:g}" for lacking in missing_of_specimen)
         entries = (
             session.journal.entry_of(planned_set)
             for planned_set in session.plan.sets()
@@ -137,8 +138,10 @@ def report(
 
     session = read_session(folder)
     path = folder / REPORT
-    share = ItemProgress()
-    (analysis,) = progress((analyse(session, share) for _ in range(1)), 1, "report", share)
+    # One item, whose own progress the bar shows.
+    analysis_progress = ItemProgress()
+    analyses = (analyse(session, analysis_progress) for _ in range(1))
+    (analysis,) = progress(analyses, 1, "report", analysis_progress)
     with durable_file(path) as temporary:
         temporary.write_text(report_page(session, analysis), encoding="utf-8")
     try:

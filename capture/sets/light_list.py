@@ -324,7 +324,7 @@ def _look_alike(key: str, value: Any, missing: Iterable[str]) -> str | None:
 def require_light_list_name(path: Path) -> None:
     """Raise `InputError` if the name of a list of lights has another ending."""
     if path.suffix.lower() not in (".lp", ".json"):
-        raise InputError(f"{path}: let the name of a list of lights end in .lp or .json")
+        raise InputError(f"{path}: the name of a list of lights must end in .lp or .json")
 
 
 def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> None:

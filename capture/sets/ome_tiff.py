@@ -19,7 +19,7 @@ from capture.base.names import SET_SUFFIX
 from classify.base.arrays import BoolArray
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
-from classify.base.threads import beside
+from classify.base.threads import in_background
 from rig.set_file import (
     NAMESPACE,
     Planes,
@@ -48,7 +48,7 @@ class PixelHash:
         self._lock = threading.Lock()
         self._due: deque[Planes] = deque()
         self._is_hashing = False
-        self._hashed: Callable[[], None] = lambda: None  # waits for that thread
+        self._wait_until_hashed: Callable[[], None] = lambda: None
 
     def add(self, page: int, plane: Planes) -> None:
         """Add a page that is not there yet; return at once."""
@@ -59,10 +59,10 @@ class PixelHash:
             while self._next in self._waiting:
                 self._due.append(self._waiting.pop(self._next))
                 self._next += 1
-            begins = bool(self._due) and not self._is_hashing
-            self._is_hashing |= begins
-        if begins:
-            self._hashed = beside(self._hash_due)
+            must_start = bool(self._due) and not self._is_hashing
+            self._is_hashing |= must_start
+        if must_start:
+            self._wait_until_hashed = in_background(self._hash_due)
 
     def has(self, page: int) -> bool:
         """Whether a page was added."""
@@ -72,8 +72,8 @@ class PixelHash:
         """Wait for all pages and return the hash; ValueError if one before the last is missing."""
         if self._waiting:
             raise ValueError(f"page {self._next} is missing")
-        hashed, self._hashed = self._hashed, lambda: None
-        hashed()
+        wait_until_hashed, self._wait_until_hashed = self._wait_until_hashed, lambda: None
+        wait_until_hashed()
         return self._digest.hexdigest()
 
     def _hash_due(self) -> None:
@@ -100,12 +100,14 @@ def write(
     *,
     is_hashed: bool = False,
 ) -> None:
-    """Write a captured set to `path`, whole or not at all; `home` as in `durable_file`.
+    """Write a captured set to `path`, whole or not at all; the temporary file lies in `home`.
 
     `is_hashed` says that the metadata have the hash of these very arrays.
     """
     if not path.name.endswith(SET_SUFFIX):
-        raise InputError(f"{path}: a captured set is an OME-TIFF; let its name end in {SET_SUFFIX}")
+        raise InputError(
+            f"{path}: a captured set is an OME-TIFF; its name must end in {SET_SUFFIX}"
+        )
     if not is_hashed and pixels_sha256(images, ambient, mask) != metadata.pixels_sha256:
         raise InputError(f"{path}: pixels_sha256 in the metadata is not the hash of the pixels")
     planes = pages(images, ambient, mask)

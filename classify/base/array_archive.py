@@ -30,10 +30,10 @@ from .regular_file import open_regular_file
 
 _Header = TypeVar("_Header", bound=BaseModel)
 
-# Members are stored, not packed; a copy packed by another program is smaller by half. A file whose
+# Members are stored, not compressed; a copy compressed by another program is smaller by half. A file whose
 # members declare more than this multiple of its size would fill the memory: see test_ps4lib.py.
-_MAX_PACKING = 16
-_PACKING_SLACK_BYTES = 2**20
+_MAX_COMPRESSION = 16
+_COMPRESSION_SLACK_BYTES = 2**20
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")
 # Errors of zipfile, zlib, json and numpy for a damaged file: RuntimeError for encrypted members and
 # JSON nested too deep, the last four for a broken numpy header.
@@ -70,16 +70,16 @@ class ArrayArchive:
         self.names = archive.namelist()
         file_bytes = file.seek(0, 2)
         declared = sum(info.file_size for info in archive.infolist())
-        if declared > _MAX_PACKING * file_bytes + _PACKING_SLACK_BYTES:
+        if declared > _MAX_COMPRESSION * file_bytes + _COMPRESSION_SLACK_BYTES:
             raise self.damaged(f"declares {declared} bytes in a file of {file_bytes}")
 
-    def error(self, what: str) -> InputError:
+    def error(self, problem: str) -> InputError:
         """Return an error that ends with the remedy."""
-        return self._kind.error(f"{what}; {self._kind.remedy}")
+        return self._kind.error(f"{problem}; {self._kind.remedy}")
 
-    def damaged(self, what: str) -> InputError:
+    def damaged(self, problem: str) -> InputError:
         """Return an error of a file that no version of this program wrote."""
-        return self._kind.error(f"{what}; the file is damaged, {self._kind.remedy}")
+        return self._kind.error(f"{problem}; the file is damaged, {self._kind.remedy}")
 
     def header(self, model: type[_Header]) -> _Header:
         """Return the validated header; `model` has a field `version`."""
@@ -126,7 +126,7 @@ class ArrayArchive:
             if info.file_size < self._map_from_bytes:
                 return np.frombuffer(member.read(), dtype).reshape(shape)
         if info.compress_type != zipfile.ZIP_STORED:
-            raise self.error(f"{name} is packed")
+            raise self.error(f"{name} is compressed")
         start = self._start(info) + header_bytes
         return np.memmap(self._file, dtype, mode="r", offset=start, shape=shape)
 
@@ -137,7 +137,7 @@ class ArrayArchive:
             noun = self._kind.noun
             raise self._kind.error(f"holds no {name}; this is not a ps4rig {noun}") from error
         if info.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
-            raise self.error(f"{name} is packed in an unknown way")
+            raise self.error(f"{name} is compressed by an unknown method")
         return info
 
     def _start(self, info: zipfile.ZipInfo) -> int:

@@ -32,11 +32,11 @@ def require_folder(path: Path) -> None:
 
 
 @contextmanager
-def durable_file(path: Path, home: Path | None = None) -> Iterator[Path]:
+def durable_file(path: Path, temporary_folder: Path | None = None) -> Iterator[Path]:
     """Yield a temporary path that becomes `path` when the block ends without an error.
 
-    Data and rename are forced to disk, and links are followed; `home` is another folder of the same
-    file system for the temporary file.
+    Data and rename are forced to disk, and links are followed. `temporary_folder` is another folder
+    of the same file system for the temporary file.
     """
     try:
         target = path.resolve() if path.is_symlink() else path
@@ -47,7 +47,7 @@ def durable_file(path: Path, home: Path | None = None) -> Iterator[Path]:
     if special:
         raise InputError(f"{path}: cannot be written: it is not a regular file")
     # Some writers choose their format by the suffix.
-    with temporary_path(home or target.parent, path, suffix=target.suffix) as temporary:
+    with temporary_path(temporary_folder or target.parent, path, suffix=target.suffix) as temporary:
         yield temporary
         sync(temporary)
         temporary.replace(target)
@@ -56,10 +56,10 @@ def durable_file(path: Path, home: Path | None = None) -> Iterator[Path]:
 
 @contextmanager
 def temporary_path(
-    home: Path, path: Path, *, suffix: str = "", is_folder: bool = False
+    temporary_folder: Path, path: Path, *, suffix: str = "", is_folder: bool = False
 ) -> Iterator[Path]:
-    """Yield a new file or folder in `home`, and remove it at the end; errors name `path`."""
-    temporary = home / f"{TEMPORARY_PREFIX}{os.urandom(8).hex()}{suffix}"
+    """Yield a new file or folder in `temporary_folder`, removed at the end; errors name `path`."""
+    temporary = temporary_folder / f"{TEMPORARY_PREFIX}{os.urandom(8).hex()}{suffix}"
     try:
         # `tempfile` makes files that only their owner may read.
         temporary.mkdir() if is_folder else temporary.touch(exist_ok=False)

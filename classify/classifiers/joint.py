@@ -1,7 +1,7 @@
 """The default classifier: polar spectra at all orientations, and local statistics.
 
 A signature is one vector of float32: Fourier series of the polar spectra, whitened statistics,
-their changes by blur, the numbers of the heading, and a last number with two meanings. In a
+their changes by blur, the features of the heading, and a last number with two meanings. In a
 reference the last number is the factor of its class's limit; in a test it divides the distances.
 """
 
@@ -42,8 +42,8 @@ from .joint_learning import class_limits, learn, limit_factors, parameter_shapes
 
 # A less sharp orientation can be off by 90 degrees; it gets no heading.
 _LEAST_SHARPNESS = 0.5
-# Squared distance from the set's own signature from which a reference under rotated lights is kept,
-# in units of the distance between quarters: a nearer one changes no match.
+# Least squared distance of a reference under rotated lights from the set's own signature, in units
+# of the distance between quarters. A nearer reference changes no match and is left out.
 _MIN_SQUARED_DISTANCE = 0.1
 
 _SERIES_FLOATS = 2 * SERIES * HARMONICS
@@ -57,7 +57,8 @@ def ring_levels(signature: FloatMap) -> Floats:
 
 
 def _signature(observation: JointObservation, parameters: Parameters) -> FloatMap:
-    # Scatter is inversely proportional to the area: smaller frames are further from their class.
+    # Half of the scatter of a frame is inversely proportional to its area: smaller frames are
+    # further from their class.
     ratio = float(parameters["pixels"] / float(observation.pixels))
     return _vector(observation, (), parameters, max(0.5 + 0.5 * ratio, 1.0))
 
@@ -99,12 +100,13 @@ def _vector(
 def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Comparison:
     spectral = least_error(_series_of(test[None])[0], _series_of(references))
     own, others = _levels(test[None], parameters)[0], _levels(references, parameters)
-    # Blur changes neither the other harmonics nor the shift.
+    # Harmonic 0 and the statistics are compared at the best blur; blur does not change the other
+    # harmonics or the shift.
     curve, curves = _curves(test[None], parameters)[0], _curves(references, parameters)
     penalty = blur_penalty(float(parameters["pixels"]))
-    least, variances = least_over_blurs(own, curve, others, curves, SERIES, penalty)
+    at_best_blur, variances = least_over_blurs(own, curve, others, curves, SERIES, penalty)
     rings = np.square(others - own)[:, :SERIES].sum(axis=1, dtype=np.float64)
-    total = np.maximum(spectral.errors - rings, 0.0) + least
+    total = np.maximum(spectral.errors - rings, 0.0) + at_best_blur
     blurs_px = np.sign(variances) * np.sqrt(np.abs(variances))
     total /= test[-1]
     headings = heading_scores(test[_HEADING], references[:, _HEADING], spectral.shifts_deg)

@@ -11,7 +11,7 @@ from functools import lru_cache, partial
 import numpy as np
 
 from classify.base.arrays import FloatMap, Floats
-from classify.base.threads import beside
+from classify.base.threads import in_background
 from classify.relief.relighting import under_rotated_lights
 from classify.surface.estimate import SurfaceEstimate
 from classify.texture.blur import KNOTS_PX2, blur_gains, blurred_fields
@@ -108,7 +108,7 @@ def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining
 
 def _observe_fields(fields: TextureFields, segment_px: int) -> JointObservation:
     require_segment(fields.shape, segment_px)  # before other work begins
-    statistics = beside(partial(local_statistics, fields, levels_for(segment_px)))
+    statistics = in_background(partial(local_statistics, fields, levels_for(segment_px)))
     spectra = field_spectra(fields, segment_px)
     return JointObservation(
         polar=_polar(spectra),

@@ -95,7 +95,7 @@ def _normalised(image: npt.NDArray[np.generic]) -> FloatMap:
     if not np.isfinite(values).all():
         raise InputError("the image for the filter bank contains NaN or infinity; replace them")
     mean, std = float(values.mean(dtype=np.float64)), float(values.std(dtype=np.float64))
-    # A constant image of floats has a deviation of its last bit, by rounding.
+    # Rounding gives a constant image of floats a standard deviation in the last bit.
     if std <= 1e-6 * abs(mean):
         raise InputError(
             f"the image for the filter bank is constant, {mean:g} throughout; "
@@ -167,12 +167,12 @@ def learn_textons(responses: Sequence[FloatMap]) -> FloatMap:
     """(10, 8) cluster centres by k-means++ of the (8, H, W) responses of one class, fixed seed."""
     count = TEXTONS_PER_CLASS
     rng = np.random.default_rng(_SEED)
-    share = -(-_SAMPLES // len(responses))
+    pixels_per_image = -(-_SAMPLES // len(responses))
     samples = []
     for response in responses:
         pixels = _pixels(response)
-        if len(pixels) > share:
-            pixels = pixels[rng.choice(len(pixels), share, replace=False)]
+        if len(pixels) > pixels_per_image:
+            pixels = pixels[rng.choice(len(pixels), pixels_per_image, replace=False)]
         samples.append(pixels)
     points = np.concatenate(samples)
     if len(np.unique(points[:_SAMPLES], axis=0)) < count:

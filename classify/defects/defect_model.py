@@ -158,7 +158,7 @@ class DefectModel:
         """Write a ``.ps4def`` file, whole or not at all."""
         path = Path(path)
         if path.suffix != SUFFIX:
-            raise DefectModelError(f"{path}: let the name of a defect model end in {SUFFIX}")
+            raise DefectModelError(f"{path}: the name of a defect model must end in {SUFFIX}")
         write_arrays(path, _KIND, self._arrays)
 
     @classmethod

@@ -111,7 +111,7 @@ class _Header(BaseModel):
 def _check_path(path: Path) -> None:
     """Check before the work that a library can be written to `path`, by suffix and folder."""
     if path.suffix != SUFFIX:
-        raise LibraryError(f"{path}: let the name of a texture library end in {SUFFIX}")
+        raise LibraryError(f"{path}: the name of a texture library must end in {SUFFIX}")
     require_folder(path)
 
 

@@ -19,7 +19,9 @@ class FrameSource(Protocol):
 
     serial_number: str
 
-    def next_frame(self, max_late_periods: float, exposure_ms: float | None = None) -> ServedFrame | None:
+    def next_frame(
+        self, max_late_periods: float, exposure_ms: float | None = None
+    ) -> ServedFrame | None:
         """Wait for a frame; None if it is late by more than `max_late_periods` periods.
 
         `exposure_ms` is what the device is set to, None if it has no such control.
@@ -29,7 +31,7 @@ class FrameSource(Protocol):
 class ServedCamera(Protocol):
     """A camera at `place`; raises `ConfigError` for a configuration that it cannot serve."""
 
-    place_help: ClassVar[str]  # what a place is, for the help of `rig simulate`
+    place_help: ClassVar[str]  # the form of a place, for the help of `rig simulate`
     pixel_format: str
     bit_depth: int
 

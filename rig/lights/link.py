@@ -55,7 +55,9 @@ def decode_reply(line: bytes) -> Reply:
 
 
 _VENDOR = "PS4RIG"
-_WRITE_TIMEOUT_REPLIES = 20.0  # times the time-out of a reply (test_driver.py: "stands still")
+# Time-out of a write, in time-outs of a reply: it also counts time in which a busy computer does
+# not run this program (test_driver.py).
+_WRITE_TIMEOUT_REPLIES = 20.0
 _SIMULATED = "SIM-"  # the beginning of a simulated board's serial number
 
 
@@ -106,8 +108,7 @@ class ControllerLink:
         # Random, so that late replies to an earlier program do not match a command of this one.
         self._sequence = secrets.randbelow(MAX_SEQUENCE) + 1
         self._reply_s = timeouts.reply_s
-        # In real time, in which a busy computer may not run this program.
-        self._line = SerialLine(port, baud, write_timeout_s=_WRITE_TIMEOUT_REPLIES * timeouts.reply_s)
+        self._line = SerialLine(port, baud, _WRITE_TIMEOUT_REPLIES * timeouts.reply_s)
         try:
             self.identity = self._identify(timeouts.open_s)
         except BaseException:

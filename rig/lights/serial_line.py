@@ -18,8 +18,8 @@ from classify.base.errors import ConfigError
 from rig.errors import LightControllerError
 
 _PROC = Path("/proc")
-# Processor time of the search, which takes longer on a machine with very many open files.
-_LONGEST_S = 1.0
+# Processor time after which the search ends early, on a machine with very many open files.
+_MAX_SEARCH_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class _PortHolder:
 def port_holders(device: str, proc: Path = _PROC) -> list[_PortHolder]:
     """List the programs, this one included, that have a device open; other users' may be hidden."""
     target = os.path.realpath(device)
-    given_up_s = time.thread_time() + _LONGEST_S
+    deadline_s = time.thread_time() + _MAX_SEARCH_S
     holders = []
     for process in sorted(proc.glob("[0-9]*"), key=lambda path: int(path.name)):
-        if time.thread_time() > given_up_s:
+        if time.thread_time() > deadline_s:
             break
         if _has_open(process, target):
             holders.append(_PortHolder(int(process.name), _name(process)))
@@ -217,7 +217,7 @@ _MAX_LINE_BYTES = 512  # the longest reply, LED:STAT? of 64 LEDs, has about 280 
 
 
 class ReplyTimeout:
-    """The time left for an answer; time in which a busy computer ran nothing does not count."""
+    """The time left for an answer; time in which this program was not scheduled does not count."""
 
     def __init__(self, left_s: float) -> None:
         self.left_s = left_s

@@ -76,7 +76,9 @@ class DeviceSimulation:
         else:
             self.camera.step()
 
-    def next_frame(self, max_late_periods: float, exposure_ms: float | None = None) -> ServedFrame | None:
+    def next_frame(
+        self, max_late_periods: float, exposure_ms: float | None = None
+    ) -> ServedFrame | None:
         """Wait for a frame; None if it is late by more than `max_late_periods` periods.
 
         Frames follow the camera's clock, so that delays do not add up.

@@ -23,7 +23,7 @@ class SensorModel:
     """A monochrome sensor of a common industrial camera."""
 
     bit_depth: int = 12
-    # electrons at which a pixel, and the converter with it, saturates
+    # electrons at which a pixel saturates; the converter's full scale
     full_well_e: float = 10_000.0
     read_noise_e: float = 5.0  # rms
     white_e_per_ms: float = 425.0  # white that faces one LED: 85 % of the well in 20 ms
@@ -62,6 +62,7 @@ class SensorModel:
     def expose(self, light_ms: FloatMap, rng: np.random.Generator) -> Pixels:
         """Pixel values; `light_ms` is 1 for white that faces one LED for a millisecond."""
         signal = self.expose_unclipped(light_ms, rng)
+        # 0.5: conversion to integers rounds down.
         signal += np.float32(self.black_level_dn + 0.5)
         if self.hot_pixels:
             pixels, excess_dn = self._hot_pixels(signal.size)
@@ -77,7 +78,7 @@ class SensorModel:
         return signal.astype(np.uint16)
 
     def _hot_pixels(self, pixel_count: int) -> tuple[npt.NDArray[np.int64], FloatMap]:
-        """Flat indices of the hot pixels, and the linear values that they add."""
+        """Flat indices of the hot pixels, the same in all frames, and the values that they add."""
         rng = np.random.default_rng((self.hot_pixels, pixel_count))
         pixels = rng.choice(pixel_count, self.hot_pixels, replace=False)
         shares = rng.uniform(0.1, 1.0, self.hot_pixels)

@@ -91,7 +91,9 @@ def _dark_of_rig(rig: Rig, yes: bool) -> MeasuredPart:
     return dark_part(measured, dark, Setting.of_rig(rig), ("captured",))
 
 
-def _dark_of_photographs(sources: list[Path], gamma: Gamma | None, bits: int | None) -> MeasuredPart:
+def _dark_of_photographs(
+    sources: list[Path], gamma: Gamma | None, bits: int | None
+) -> MeasuredPart:
     import numpy as np
 
     from capture.calibration.setting import Setting

@@ -78,36 +78,36 @@ def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
     return CalibrationFile.read(path) if path.exists() else CalibrationFile()
 
 
-def _sets_of(places: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
+def _sets_of(sources: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
     """Return the sets of ``--from``, and their names for the record of a part."""
     from capture.sets.archive import find_sets
     from capture.sets.captured_set import CapturedSet
 
-    paths = find_sets(places)
+    paths = find_sets(sources)
     return [CapturedSet.load(path) for path in paths], tuple(path.name for path in paths)
 
 
-def source_files(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+def source_files(sources: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Return the photographs and the sets among the files of ``--from`` and in its folders."""
     from capture.base.names import SET_SUFFIX
     from capture.sets.light_list import PHOTOGRAPH_SUFFIXES
 
     files: list[Path] = []
-    for place in places:
-        photographs = [place]
-        if place.is_dir():
-            below = sorted(place.iterdir())
-            photographs = [file for file in below if file.suffix.lower() in PHOTOGRAPH_SUFFIXES]
+    for source in sources:
+        photographs = [source]
+        if source.is_dir():
+            content = sorted(source.iterdir())
+            photographs = [file for file in content if file.suffix.lower() in PHOTOGRAPH_SUFFIXES]
         if not photographs:
-            raise InputError(f"{place}: holds no photographs ({', '.join(PHOTOGRAPH_SUFFIXES)})")
+            raise InputError(f"{source}: holds no photographs ({', '.join(PHOTOGRAPH_SUFFIXES)})")
         files += photographs
     sets = [path for path in files if path.name.endswith(SET_SUFFIX)]
     return [path for path in files if path not in sets], sets
 
 
-def photographs_or_sets(places: Sequence[Path]) -> tuple[list[Path], list[Path]]:
+def photographs_or_sets(sources: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Return photographs and sets as `source_files`; one of the two lists is empty."""
-    photographs, sets = source_files(places)
+    photographs, sets = source_files(sources)
     if photographs and sets:
         raise InputError("--from names photographs and sets; give one kind of them")
     return photographs, sets
@@ -250,7 +250,7 @@ def keep_parts(
 def _part_json(
     path: Path, part: MeasuredPart, calibration: CalibrationFile, reason: str | None
 ) -> dict[str, Any]:
-    """The part as it is in the calibration; `kept_because` is the reason why the new one is not."""
+    """JSON of the part in the calibration; `reason` tells why it is not the new one."""
     record = calibration.records[part.name]
     return {
         "calibration": str(path), "part": part.name, "warnings": [*part.warnings],

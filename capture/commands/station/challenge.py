@@ -57,7 +57,7 @@ def challenge(
     """
     from capture.station.domain.folder import StationFolder, first_recipe
     from capture.station.judge.challenge import run_challenge
-    from capture.station.judge.gauge.fault_study import great_faults
+    from capture.station.judge.gauge.fault_study import large_faults
     from capture.station.judge.inspector import Inspector
     from capture.station.judge.recipe_changes import recipe_on_the_terminal
 
@@ -82,7 +82,7 @@ def challenge(
     # while the old version runs the station.
     inspector = Inspector.load(changes.files, changes.calibration)
     replay = run_challenge(changes.files, inspector)
-    faults = great_faults(changes.files, inspector)
+    faults = large_faults(changes.files, inspector)
     passed = not replay.regressions and not faults.passing(inspector.recipe)
     if json:
         print_json(replay.model_dump(mode="json") | {"passed": passed, "faults": faults.lines()})

@@ -7,7 +7,7 @@ from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Approval, Recipe
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.judge.gauge.fault_study import require_great_faults_found
+from capture.station.judge.gauge.fault_study import require_large_faults_found
 from capture.station.judge.inspector import Inspector
 from classify.base.errors import InputError
 from classify.base.models import read_toml_as, validated
@@ -27,7 +27,7 @@ def approve(
         inspector = Inspector.load(files)
         recipe = inspector.recipe
         require_unchanged(recipe, seen_sha256)
-        require_great_faults_found(files, inspector)
+        require_large_faults_found(files, inspector)
         # In milliseconds, so that two approvals within a second keep their order.
         utc = utc_text(timespec="milliseconds")
         values = {"by": by, "utc": utc, "sha256": recipe.sha256}

@@ -33,7 +33,7 @@ from capture.station.domain.taught_files import (
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import DefectRecord, PartResult
 from classify import DefectMap, TextureLibrary, regions_of
-from classify.base.threads import beside
+from classify.base.threads import in_background
 from classify.classifiers.joint import ring_levels
 from classify.defects.defect_map import KINDS
 from classify.defects.fields import part_fields
@@ -166,7 +166,9 @@ class Inspector:
 
         `inspect` uses the inspection if it gets the same arrays, and drops it otherwise.
         """
-        self._begun = _Begun(unchecked, beside(lambda: self._inspection(unchecked), is_long=True))
+        self._begun = _Begun(
+            unchecked, in_background(lambda: self._inspection(unchecked), is_long=True)
+        )
 
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part.
@@ -209,8 +211,8 @@ class Inspector:
             )
         if not any(invalid(self.recipe, measures)):
             with _timed(timings_ms, "match"):
-                fields = beside(partial(part_fields, measured.surface))
-                moments = beside(partial(band_moments, measured.surface))
+                fields = in_background(partial(part_fields, measured.surface))
+                moments = in_background(partial(band_moments, measured.surface))
                 signature = self._library.observe(measured.surface)
                 # No warning of the solver: a calibration may have a flat field where that of
                 # teaching had none.
@@ -227,7 +229,7 @@ class Inspector:
             models = self._models[texture]
             with _timed(timings_ms, "defects"):
                 measure = partial(models.pieces.measure, moments(), match.orientation_deg)
-                begun = beside(partial(measure, ring_levels(signature)))
+                begun = in_background(partial(measure, ring_levels(signature)))
                 defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)

@@ -58,7 +58,7 @@ def _pointer(instance: Any) -> int:
 
 # Frames later than this share of a period are skipped: a free-running camera sends a frame as
 # soon as it is read out.
-_MOST_LATE = 0.25
+_MAX_LATE_PERIODS = 0.25
 # Late ones, with those that wait, until the thread must answer its client again.
 _FRAMES = 8
 _ALL = 1.0  # of the packets of a frame
@@ -112,7 +112,9 @@ class FakeGigeCamera:
             frame = None
             with suppress(CameraError):  # no pulse for two periods
                 for _attempt in range(_FRAMES):
-                    if (frame := source.next_frame(_MOST_LATE, exposure_us / 1e3)) is not None:
+                    if (
+                        frame := source.next_frame(_MAX_LATE_PERIODS, exposure_us / 1e3)
+                    ) is not None:
                         break
             if self._camera is None:  # it ends
                 return

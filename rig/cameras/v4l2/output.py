@@ -72,8 +72,8 @@ class V4l2Output(VideoNode):
         """Refuse a device that takes no frames, or that another simulated rig writes to."""
         capability = abi.Capability()
         self.call("is no video device", abi.Vidioc.QUERYCAP, capability)
-        able = abi.Cap.VIDEO_OUTPUT | abi.Cap.STREAMING
-        if capability.device_caps & able != able:
+        required = abi.Cap.VIDEO_OUTPUT | abi.Cap.STREAMING
+        if capability.device_caps & required != required:
             raise CameraError(
                 f"{self.path}: {abi.text(capability.card)} takes no frames; give a loopback "
                 "device, which modprobe v4l2loopback makes"
@@ -115,7 +115,7 @@ class V4l2Output(VideoNode):
 
 
 # Frames later than this many periods are skipped, so that no burst follows a delay.
-_MOST_LATE = 1.0
+_MAX_LATE_PERIODS = 1.0
 
 
 class LoopbackCamera:
@@ -144,7 +144,7 @@ class LoopbackCamera:
 
     def step(self) -> None:
         """Write the next frame."""
-        frame = self._source.next_frame(_MOST_LATE)
+        frame = self._source.next_frame(_MAX_LATE_PERIODS)
         if frame is not None:
             assert self._format.to_bytes is not None
             self._output.write(self._format.to_bytes(frame.pixels), frame.end_s)

@@ -187,7 +187,7 @@ def test_an_edited_array_is_refused(saved: Path) -> None:
     [
         ("noise", {"sensor.gain_e_per_dn": 1.0}, "missing"),
         ("noise", {"sensor.gain_e_per_dn": "x"}, "field sensor.gain_e_per_dn is 'x'"),
-        ("noise", {"sensor": None, "error": 0.0}, "of another kind"),
+        ("noise", {"sensor": None, "error": 0.0}, "has the wrong type"),
         ("dark", {"offset": float("nan")}, "field offset is nan"),
         ("lights", {"source": "guess"}, "field source is 'guess'"),
         ("scale", {"more": 1.0}, "missing|unknown"),

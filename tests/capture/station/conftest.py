@@ -15,7 +15,7 @@ from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve
 from capture.station.judge.challenge_set import add_to_challenge
-from capture.station.judge.gauge.fault_study import great_faults
+from capture.station.judge.gauge.fault_study import large_faults
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching
@@ -54,7 +54,7 @@ def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Teaching]:
     teaching = teach(files, sand[:2], "loose sand")
     add_to_challenge(files.challenge, rock[3:4], "PASS")
     add_to_challenge(files.challenge, sand[2:], "FAIL")
-    great_faults(files, Inspector.load(files))  # an approval need not wait for it
+    large_faults(files, Inspector.load(files))  # an approval need not wait for it
     return folder, teaching
 
 

@@ -63,10 +63,10 @@ def test_work_beside_the_caller_has_its_result(count: int) -> None:
     set_thread_count(count)
 
     def work(item: int) -> int:
-        nested = beside(lambda: sum(map_in_threads(lambda other: item * other, range(4))))
+        nested = in_background(lambda: sum(map_in_threads(lambda other: item * other, range(4))))
         return nested()
 
-    assert [each() for each in [beside(partial(work, item)) for item in range(8)]] == [
+    assert [each() for each in [in_background(partial(work, item)) for item in range(8)]] == [
         6 * item for item in range(8)
     ]
 
@@ -74,7 +74,7 @@ def test_work_beside_the_caller_has_its_result(count: int) -> None:
 def test_work_goes_on_beside_the_caller() -> None:
     set_thread_count(2)
     meeting = threading.Barrier(2, timeout=60)
-    other = beside(meeting.wait)
+    other = in_background(meeting.wait)
     meeting.wait()
     other()
 
@@ -83,7 +83,7 @@ def test_work_goes_on_beside_the_caller() -> None:
 def test_an_exception_reaches_the_caller(count: int) -> None:
     set_thread_count(count)
     with pytest.raises(ZeroDivisionError):
-        beside(lambda: 1 // 0)()
+        in_background(lambda: 1 // 0)()
     with pytest.raises(ZeroDivisionError):
         map_in_threads(lambda item: 1 // item, [3, 2, 1, 0, 1, 2, 3])
 
@@ -104,10 +104,10 @@ def test_a_thread_that_waits_does_short_tasks_meanwhile_and_no_long_ones() -> No
         done.append("short")
         release.set()
 
-    of_first = beside(first, is_long=True)
+    of_first = in_background(first, is_long=True)
     assert began.wait(60)
-    of_second = beside(lambda: done.append("second"), is_long=True)
-    beside(short)
+    of_second = in_background(lambda: done.append("second"), is_long=True)
+    in_background(short)
     of_first()
     of_second()
     assert doers == [threading.get_ident()]
@@ -122,9 +122,9 @@ def test_work_that_nobody_has_begun_is_done_by_the_caller() -> None:
         began.set()
         assert release.wait(60)
 
-    busy = beside(until_released)
+    busy = in_background(until_released)
     assert began.wait(60)
-    mine = beside(threading.get_ident)
+    mine = in_background(threading.get_ident)
     assert mine() == threading.get_ident()
     release.set()
     busy()
@@ -145,11 +145,11 @@ def test_an_interrupt_reaches_both_threads() -> None:
 
 def test_a_process_ends_while_a_kept_thread_computes() -> None:
     code = """
-from classify.base.threads import beside, set_thread_count
+from classify.base.threads import in_background, set_thread_count
 import threading, time
 set_thread_count(2)
 began = threading.Event()
-beside(lambda: (began.set(), time.sleep(0.2), print("done", flush=True)))
+in_background(lambda: (began.set(), time.sleep(0.2), print("done", flush=True)))
 began.wait()
 """
     ended = subprocess.run(

@@ -155,7 +155,7 @@ def test_a_compressed_copy_is_read_as_well(saved: Path, library) -> None:
 @pytest.mark.parametrize("compression", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
 def test_any_other_packing_is_refused(saved: Path, compression: int) -> None:
     write_members(saved, members(saved), compression)
-    assert_refused(saved, "packed in an unknown way")
+    assert_refused(saved, "compressed by an unknown method")
 
 
 @pytest.mark.parametrize(
@@ -423,7 +423,9 @@ def test_a_mapped_library_does_not_change_when_its_file_is_replaced(
 
 def test_a_mapped_array_must_not_be_packed(saved: Path) -> None:
     write_members(saved, members(saved), zipfile.ZIP_DEFLATED)
-    assert_refused(saved, r"signatures\.npy is packed; train it again", map_from_bytes=SMALL_BYTES)
+    assert_refused(
+        saved, r"signatures\.npy is compressed; train it again", map_from_bytes=SMALL_BYTES
+    )
 
 
 def test_nan_in_a_mapped_library_is_found_by_a_match(saved: Path, stationary) -> None:

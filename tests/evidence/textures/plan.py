@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from capture.chapter.plan import (
     BEST_SOLVER,
-    OF_SPECTRA,
+    SPECTRA_CLASSIFIERS,
     ONE_D,
     OURS,
     SOLVERS,
@@ -115,7 +115,7 @@ def _materials(
     textures: tuple[Texture, ...], sizes_px: Sequence[int], orientations_deg: tuple[float, ...]
 ) -> Experiment:
     """Scanned materials at slant 45, patches of several sizes, both protocols."""
-    classifiers = (OURS, *OF_SPECTRA)
+    classifiers = (OURS, *SPECTRA_CLASSIFIERS)
     runs = []
     for size_px in sizes_px:
         kind, at = OpenSetRun if size_px == 256 else TrainingRun, Conditions(45.0, size_px)

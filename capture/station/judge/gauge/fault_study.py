@@ -25,8 +25,8 @@ from .made_faults import (
 
 _LEAST_FOUND = 0.9
 """Share of the parts with a fault that must not pass for it to count as found."""
-_GREAT = 0.2
-"""Size of a fault, as a share of the frame, that a recipe must find to be approved."""
+_LARGE_STRENGTH = 0.2
+"""Size of a large fault, as a share of the frame; a recipe must find it to be approved."""
 
 # Good parts of a texture, for an approval.
 _PARTS = 3
@@ -62,12 +62,12 @@ class FaultStudy(Record):
     findings: tuple[FaultFinding, ...]
 
     def passing(self, recipe: Recipe) -> tuple[FaultFinding, ...]:
-        """Faults of `_GREAT` size that pass and that a recipe does not acknowledge."""
+        """Faults of `_LARGE_STRENGTH` size that pass and that a recipe does not acknowledge."""
         return tuple(
             finding
             for finding in self.findings
             if finding.unit == "of the frame"
-            and finding.strength == _GREAT
+            and finding.strength == _LARGE_STRENGTH
             and not finding.is_found
             and finding.fault not in recipe.acknowledged
         )
@@ -97,11 +97,11 @@ class FaultStudy(Record):
 
 
 def study_faults(
-    files: RecipeFolder, inspector: Inspector, parts: int, *, great_only: bool = False
+    files: RecipeFolder, inspector: Inspector, parts: int, *, large_only: bool = False
 ) -> Iterator[FaultFinding]:
     """Judge good parts of a recipe with faults; parts that do not pass without one are left out.
 
-    At most `parts` of each texture, with `great_only` only with faults of `_GREAT` size.
+    At most `parts` of each texture, with `large_only` only with faults of `_LARGE_STRENGTH` size.
     """
     taught = taught_for(inspector.recipe, files)
     draw = random.Random(1)
@@ -119,7 +119,7 @@ def study_faults(
             if fault.needs_handedness and limits.handedness is None:
                 continue
             for strength in fault.strengths:
-                if great_only and not (fault.is_local and strength == _GREAT):
+                if large_only and not (fault.is_local and strength == _LARGE_STRENGTH):
                     continue
                 verdicts = [_passes(own, loaded, fault, strength, draw) for loaded, own in good]
                 judged = [verdict for verdict in verdicts if verdict is not None]
@@ -175,19 +175,19 @@ def keep_study(
     return study
 
 
-def great_faults(files: RecipeFolder, inspector: Inspector) -> FaultStudy:
-    """Study faults of `_GREAT` size, unless a study of this recipe is kept."""
+def large_faults(files: RecipeFolder, inspector: Inspector) -> FaultStudy:
+    """Study faults of `_LARGE_STRENGTH` size, unless a study of this recipe is kept."""
     study = kept_study(files, inspector)
     if study is None:
-        findings = list(study_faults(files, inspector, _PARTS, great_only=True))
+        findings = list(study_faults(files, inspector, _PARTS, large_only=True))
         study = keep_study(files, inspector, findings)
     return study
 
 
-def require_great_faults_found(files: RecipeFolder, inspector: Inspector) -> None:
-    """Check that no fault of `_GREAT` size passes that the recipe does not acknowledge."""
+def require_large_faults_found(files: RecipeFolder, inspector: Inspector) -> None:
+    """Check that no fault of `_LARGE_STRENGTH` size passes that the recipe does not acknowledge."""
     recipe = inspector.recipe
-    passing = great_faults(files, inspector).passing(recipe)
+    passing = large_faults(files, inspector).passing(recipe)
     if passing:
         names = ", ".join(dict.fromkeys(f'"{finding.fault}"' for finding in passing))
         raise RecipeError(

@@ -15,7 +15,7 @@ from capture.station.judge.approval import approve
 from capture.station.judge.gauge.fault_study import (
     FaultFinding,
     FaultStudy,
-    great_faults,
+    large_faults,
     keep_study,
     kept_study,
     study_faults,
@@ -134,7 +134,7 @@ def test_a_recipe_that_passes_a_great_fault_is_not_approved_unless_it_says_so(
 
 
 def test_the_taught_station_finds_holes_worn_strips_and_stains(files: RecipeFolder) -> None:
-    study: FaultStudy = great_faults(files, Inspector.load(files))
+    study: FaultStudy = large_faults(files, Inspector.load(files))
     found = {each.fault for each in study.findings if each.is_found}
     assert {"hole", "worn strip", "stain of 30 %"} <= found
 
@@ -146,7 +146,7 @@ def test_a_rotated_piece_may_pass_where_the_texture_has_no_direction(
     monkeypatch.setattr(Inspector, "has_direction", lambda *_: has_direction)
     passed = Inspection(Verdict(Decision.PASS, "as taught"))
     monkeypatch.setattr(Inspector, "inspect", lambda *_: passed)
-    findings = study_faults(files, Inspector.load(files), 1, great_only=True)
+    findings = study_faults(files, Inspector.load(files), 1, large_only=True)
     names = {each.fault for each in findings}
     assert "hole" in names
     assert ("rotated piece" in names) == has_direction

@@ -227,7 +227,7 @@ def test_all_stubborn_controls_are_named_with_one_remedy() -> None:
         set_measurement_mode(FakeCamera(knobs), config(gain=0, gamma=1))
     told = [f"control {seen}" for _, seen in STUBBORN]
     told.append("control gamma = 1 is not possible; it takes 72 to 500")
-    assert [fault.seen for fault in raised.value.faults] == told
+    assert [fault.message for fault in raised.value.faults] == told
     assert str(raised.value).startswith("/dev/video9: " + "; ".join(told))
     assert str(raised.value).count("v4l2-ctl -d /dev/video9") == 1
     # The other controls are set, and the doctor has a line for each fault.
@@ -244,7 +244,7 @@ def test_all_controls_that_change_later_are_named() -> None:
         camera.knobs[control_id].value = int(seen.split()[-1])
     with pytest.raises(ControlError) as raised:
         check_measurement_mode(camera, mode)
-    assert [fault.seen for fault in raised.value.faults] == [
+    assert [fault.message for fault in raised.value.faults] == [
         f"control {seen}" for _, seen in STUBBORN
     ]
 
