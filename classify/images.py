@@ -18,7 +18,7 @@ from classify.shadow_rule import MAYBE_SHADOW
 _DTYPES = (np.dtype(np.uint8), np.dtype(np.uint16), np.dtype(np.float32))
 
 # Squares of larger values, times gains, are out of reach of float32.
-_LARGEST_VALUE = 1e12
+_MAX_VALUE = 1e12
 
 Images = Array | Sequence[Array]
 
@@ -130,9 +130,9 @@ def _check_values(image: FloatMap, name: str) -> None:
     largest = max(float(image.max()), -float(image.min()))
     if not np.isfinite(largest):
         raise InputError(f"{name} contains NaN or infinity; mask or replace them")
-    if largest > _LARGEST_VALUE:
+    if largest > _MAX_VALUE:
         raise InputError(
-            f"{name} contains a value beyond {_LARGEST_VALUE:g}; divide all images by a number"
+            f"{name} contains a value beyond {_MAX_VALUE:g}; divide all images by a number"
         )
 
 
@@ -167,7 +167,7 @@ _APART_PX = 2
 # with one degree of freedom (9.0 in `chi_squared`), beyond which a residual is not noise.
 _TENTH, BEYOND_NOISE = -1.2816, 2.76
 # Squares of larger values, and their products with gains, are out of reach of float32.
-_LARGEST_NOISE = 1e9
+_MAX_NOISE = 1e9
 
 ROUNDING_VARIANCE = 1.0 / 12.0
 """Variance of the error of rounding to whole numbers."""
@@ -204,12 +204,12 @@ class SensorNoise:
 
     def __post_init__(self) -> None:
         gain, read_noise, black = self.gain_e_per_dn, self.read_noise_dn, self.black_level_dn
-        if not (1.0 / _LARGEST_NOISE <= gain < math.inf and 0.0 <= read_noise <= _LARGEST_NOISE):
+        if not (1.0 / _MAX_NOISE <= gain < math.inf and 0.0 <= read_noise <= _MAX_NOISE):
             raise InputError(
                 f"sensor noise of {gain:g} e per DN and {read_noise:g} DN read noise; give a gain "
-                f"of {1.0 / _LARGEST_NOISE:g} or more and a read noise of 0 to {_LARGEST_NOISE:g}"
+                f"of {1.0 / _MAX_NOISE:g} or more and a read noise of 0 to {_MAX_NOISE:g}"
             )
-        if not abs(black) <= _LARGEST_NOISE:
+        if not abs(black) <= _MAX_NOISE:
             raise InputError(f"sensor noise with a black level of {black:g} DN; give a pixel value")
 
     def coefficients(self) -> FloatMap:

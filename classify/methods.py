@@ -10,7 +10,7 @@ Method = Literal[
 ]
 METHODS: tuple[Method, ...] = get_args(Method)
 
-_LEAST_LIGHTS: dict[Method, int] = {"least_squares": 3, "drbohlav": 4, "rushmeier": 5}
+_MIN_LIGHTS: dict[Method, int] = {"least_squares": 3, "drbohlav": 4, "rushmeier": 5}
 
 
 def default_method(lights: int) -> Method:
@@ -20,7 +20,7 @@ def default_method(lights: int) -> Method:
 
 def suits(method: Method, lights: int) -> bool:
     """Whether a solver takes that many lights; one not in the table takes four."""
-    return lights >= _LEAST_LIGHTS[method] if method in _LEAST_LIGHTS else lights == 4
+    return lights >= _MIN_LIGHTS[method] if method in _MIN_LIGHTS else lights == 4
 
 
 ClassifierName = Literal[

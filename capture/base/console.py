@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 _UNLIMITED_WIDTH = 100_000  # columns of a terminal on which no table is wrapped
-_LINE_WIDTH, _LEAST_PROSE = 80, 40
+_LINE_WIDTH, _MIN_PROSE_WIDTH = 80, 40
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -136,7 +136,7 @@ def print_table(table: Table) -> None:
     excess = max(width() - _LINE_WIDTH, 0)
     for column in table.columns:
         if column.width is not None and not column.no_wrap:
-            least = max(longest_word[column.header], _LEAST_PROSE)
+            least = max(longest_word[column.header], _MIN_PROSE_WIDTH)
             column.width = min(column.width, max(column.width - excess, least))
     console = Console(width=width(), highlight=False, markup=False, emoji=False)
     console.print(table, crop=False)

@@ -264,7 +264,10 @@ def _thirty(
         name = f"slant {slant_deg:g}"
         runs += [
             TrainingRun(name, textures, conditions, CLASSIFIER_NAMES, SOLVERS),
-            TrainingRun(name + ONE_SEGMENT, textures, conditions, SPECTRA_CLASSIFIERS, SOLVERS, one_segment=True),
+            TrainingRun(
+                name + ONE_SEGMENT, textures, conditions, SPECTRA_CLASSIFIERS, SOLVERS,
+                one_segment=True,
+            ),
             TrainingRun(
                 name + WITH_28_IMAGES, textures, conditions, (TEXTONS,), SOLVERS[-1:],
                 _ORIENTATIONS_FOR_28_IMAGES_DEG,

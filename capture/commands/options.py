@@ -174,7 +174,7 @@ def check_orientations(name: str, *degrees: float | None) -> None:
             complain(f"warning: {name} {angle_deg:g}: beyond 360 degrees; a typing error?")
 
 
-_MOST_DEG = 3600.0  # the limit of `Degrees` in a rig.toml
+_MAX_DEG = 3600.0  # the limit of `Degrees` in a rig.toml
 
 
 def degrees(option: str, text: str, example: str) -> list[float]:
@@ -183,7 +183,7 @@ def degrees(option: str, text: str, example: str) -> list[float]:
         numbers = [float(number) for number in text.split(",")]
     except ValueError:
         numbers = [math.nan]  # fails the comparison below
-    if not all(abs(number) <= _MOST_DEG for number in numbers):
+    if not all(abs(number) <= _MAX_DEG for number in numbers):
         shown = text or "''"
         raise InputError(f"{option} {shown}: give degrees separated by commas, such as {example}")
     return numbers

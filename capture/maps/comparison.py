@@ -16,7 +16,7 @@ from classify import SurfaceEstimate
 from classify.base.arrays import BoolArray, FloatMap, Floats
 from classify.base.errors import InputError
 from classify.library.dissimilarity import TexturePair, compare_textures
-from classify.texture.orientation import LEAST_SHARPNESS
+from classify.texture.orientation import MIN_SHARPNESS
 
 from .map_kinds import MAP_KINDS
 from .map_tiff import read_description, read_map
@@ -298,7 +298,7 @@ def compare(first: _Side, second: _Side) -> Comparison:
         texture = compare_textures(first.texture, second.texture)
     except InputError:
         texture = None
-    is_clear = texture is not None and texture.sharpness >= LEAST_SHARPNESS
+    is_clear = texture is not None and texture.sharpness >= MIN_SHARPNESS
     maps, normals_deg = {}, None
     if first.surface.shape == second.surface.shape:
         valid = first.surface.valid & second.surface.valid

@@ -175,7 +175,7 @@ _HIGHEST = 2**30
 # Readers differ in whether the lowest point is subtracted (rosettasciio) or not (surfalize), and in
 # the unit of the offset. With 0 as the lowest point and micrometres they agree.
 _LOWEST = 0
-_SMALLEST_RANGE_UM = 1e-9  # of a level surface; far below the resolution of any instrument
+_MIN_RANGE_UM = 1e-9  # of a level surface; far below the resolution of any instrument
 _MISSING = _LOWEST - 2  # by the format
 _UNIT, _UM_PER_MM = "\N{MICRO SIGN}m", 1e3
 _MAX_COMMENT_BYTES = 2**15 - 1
@@ -188,7 +188,7 @@ def write_sur(path: Path, heights: HeightMap) -> None:
     # Offset and step are float32 in the file, so the points are computed from the rounded values.
     offset_um = np.nextafter(np.float32(np.nanmin(heights_um)), np.float32(-np.inf))
     heights_um -= offset_um
-    step_um = np.float32(max(np.nanmax(heights_um), _SMALLEST_RANGE_UM) / _HIGHEST)
+    step_um = np.float32(max(np.nanmax(heights_um), _MIN_RANGE_UM) / _HIGHEST)
     points = np.rint(np.where(missing, 0.0, heights_um) / step_um).astype("<i4")
     points[missing] = _MISSING
     metadata, (rows, columns) = heights.metadata, points.shape

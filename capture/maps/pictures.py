@@ -29,7 +29,7 @@ GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
 _RELIEF_LIGHT = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
 _FLAT_GREY = 0.5 + 0.5 * float(_RELIEF_LIGHT[2])
 # Largest contrast: beyond it the noise of a smooth part looks like relief.
-_MOST_CONTRAST = 6.0
+_MAX_CONTRAST = 6.0
 
 
 def _blue_white_red() -> Picture:
@@ -123,7 +123,7 @@ def shading_contrast(normals: FloatMap, valid: BoolArray) -> float:
     darkest, brightest = np.percentile(shading, (100.0 - _SCALE_PERCENT, _SCALE_PERCENT))
     rooms = (_FLAT_GREY / max(_FLAT_GREY - darkest, 1e-6),
              (1.0 - _FLAT_GREY) / max(brightest - _FLAT_GREY, 1e-6))  # fmt: skip
-    return float(np.clip(min(rooms), 1.0, _MOST_CONTRAST))
+    return float(np.clip(min(rooms), 1.0, _MAX_CONTRAST))
 
 
 def _shading(normals: FloatMap) -> FloatMap:

@@ -24,19 +24,19 @@ from .measures import SpecimenReference
 from .preview_loop import Preview, show_lights
 
 # Largest shares of the frame and of its border that a part with an outline covers.
-_LARGEST_SHARE, _MOST_BORDER = 0.9, 0.25
+_MAX_SHARE, _MAX_BORDER = 0.9, 0.25
 # Smallest share of the frame that is a part and not dust.
-_SMALLEST_SHARE = 0.01
+_MIN_SHARE = 0.01
 # Least separation of part and ground by Otsu's criterion, the variance between the two over that of
 # all pixels. Evenly spread values have 0.75, normally distributed ones 2/pi = 0.64. With 0.5,
 # test_outline.py finds a part in a texture that fills the frame.
-_LEAST_SEPARATION = 0.75
+_MIN_SEPARATION = 0.75
 # Share of the pixels that are drawn as edges of a texture that fills the frame (test_outline.py).
 # More hide the texture.
 _EDGE_SHARE = 0.02
 # Shorter edges do not show the orientation.
-_LEAST_EDGE_PX = 12
-_MOST_LINES = 300
+_MIN_EDGE_PX = 12
+_MAX_LINES = 300
 # Largest distance of the simplified line from the contour; lines are 2 px wide.
 _TOLERANCE_PX = 0.7
 
@@ -103,7 +103,7 @@ def _part_in(mean: FloatMap) -> BoolArray | None:
     if not 0.0 < share < 1.0:
         return None
     between = share * (1.0 - share) * (grey[bright].mean() - grey[~bright].mean()) ** 2
-    if between < _LEAST_SEPARATION * grey.var():
+    if between < _MIN_SEPARATION * grey.var():
         return None
     border = np.concatenate([bright[0], bright[-1], bright[:, 0], bright[:, -1]])
     part = ~bright if border.mean() > 0.5 else bright
@@ -116,7 +116,7 @@ def _part_in(mean: FloatMap) -> BoolArray | None:
         return None
     largest = labels == 1 + int(figures[1:, cv2.CC_STAT_AREA].argmax())
     edge = np.concatenate([largest[0], largest[-1], largest[:, 0], largest[:, -1]])
-    if not _SMALLEST_SHARE < largest.mean() < _LARGEST_SHARE or edge.mean() > _MOST_BORDER:
+    if not _MIN_SHARE < largest.mean() < _MAX_SHARE or edge.mean() > _MAX_BORDER:
         return None
     return np.asarray(largest, np.bool_)
 
@@ -129,8 +129,8 @@ def _edges(images: FloatMap) -> tuple[FloatMap, ...]:
         across, down = (cv2.Sobel(smooth, cv2.CV_32F, *order) for order in ((1, 0), (0, 1)))
         strength += cv2.magnitude(across, down)
     strong = strength > np.quantile(strength, 1.0 - _EDGE_SHARE)
-    longest = sorted((line for line in _contours(strong) if len(line) >= _LEAST_EDGE_PX), key=len)
-    return _simplified(longest[-_MOST_LINES:])
+    longest = sorted((line for line in _contours(strong) if len(line) >= _MIN_EDGE_PX), key=len)
+    return _simplified(longest[-_MAX_LINES:])
 
 
 def _contours(pixels: BoolArray) -> Sequence[Array]:

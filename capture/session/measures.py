@@ -14,7 +14,7 @@ from capture.sets.ome_tiff import read_header
 from classify import SurfaceEstimate, TextureLibrary
 from classify.base.errors import InputError
 from classify.lighting import orientation_near
-from classify.texture.orientation import LEAST_SHARPNESS
+from classify.texture.orientation import MIN_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE
 
 from .folder import SETS, SessionFolder, session_folder
@@ -25,7 +25,7 @@ from .journal import Description, SetEntry, SetMeasures
 _MAX_PLACEMENT_DEG = 8.0
 # An entered orientation that agrees this much less than the best is doubted: a weave agrees as well
 # after a quarter turn (tests/evidence/orientation_flags.py).
-_LEAST_DROP = 0.03
+_MIN_DROP = 0.03
 # Blur that costs the statistics of the finest scale (classify/texture/blur.py).
 _MAX_BLUR_PX = 1.0
 # The sum of the light images of a matt surface does not depend on its orientation.
@@ -87,11 +87,11 @@ class SpecimenReference:
         if profile is None:
             return None
         best_deg, agreement = profile.best()
-        if agreement < LEAST_SHARPNESS:
+        if agreement < MIN_SHARPNESS:
             return None
         if entered_deg is not None:
             near_deg, there = profile.best(entered_deg, _MAX_PLACEMENT_DEG)
-            if agreement - there < _LEAST_DROP:
+            if agreement - there < _MIN_DROP:
                 best_deg = near_deg
             return orientation_near(best_deg, entered_deg)
         return best_deg

@@ -23,7 +23,7 @@ from rig.acceptance import MAX_SATURATED_SHARE
 from rig.fresh_frame import fresh_frame
 
 # Enough to judge focus and framing where the page shows four images.
-_LONGEST_SIDE_PX = 800
+_MAX_SIDE_PX = 800
 _BINS = 64  # 2^6, see the shift by bit_depth - 6
 # BGR; every other pixel is grey.
 _SATURATED_COLOUR = (40, 40, 255)
@@ -67,7 +67,7 @@ def _png(
 ) -> bytes:
     grey = (pixels >> (bit_depth - 8)).astype(np.uint8)
     rows, columns = grey.shape
-    scale = min(1.0, _LONGEST_SIDE_PX / max(rows, columns))
+    scale = min(1.0, _MAX_SIDE_PX / max(rows, columns))
     if scale < 1.0:
         size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
         grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
@@ -81,9 +81,9 @@ def _png(
 
 
 # Images that are smaller than a seventh of the page show neither focus nor framing.
-_LEAST_SHARE = 1.0 / 7.0
+_MIN_SHARE = 1.0 / 7.0
 # Lights whose directions differ by less, as a share of the ring, have no places of their own.
-_LEAST_GAP = 1e-3
+_MIN_GAP = 1e-3
 
 
 class Places(NamedTuple):
@@ -101,16 +101,16 @@ def places_of(directions: Floats) -> Places | None:
     smaller than a seventh of the page, as for a light above the part or a dome of many.
     """
     offsets = directions[:, :2] * (1.0, -1.0)  # on the page y points down
-    reach = np.abs(offsets).max(initial=_LEAST_GAP)
+    reach = np.abs(offsets).max(initial=_MIN_GAP)
     centres = np.vstack([offsets / reach, np.zeros((1, 2))])
     gap = min(np.abs(one - other).max() for one, other in combinations(centres, 2))
-    if gap < _LEAST_GAP:
+    if gap < _MIN_GAP:
         return None
     # In units of an image: centres lie within +-1/gap, and images reach half an image further.
     low, high = centres.min(axis=0), centres.max(axis=0)
     spans = (high - low) / gap + 1.0
     size = 1.0 / float(spans.max())
-    if size < _LEAST_SHARE:
+    if size < _MIN_SHARE:
         return None
     corners = (centres - 0.5 * (low + high)) * size / gap + 0.5 - 0.5 * size
     *lights, part = [(float(left), float(top)) for left, top in corners.round(4)]

@@ -30,8 +30,8 @@ from .regular_file import open_regular_file
 
 _Header = TypeVar("_Header", bound=BaseModel)
 
-# Members are stored, not compressed; a copy compressed by another program is smaller by half. A file whose
-# members declare more than this multiple of its size would fill the memory: see test_ps4lib.py.
+# Members are stored, not compressed; a copy compressed by another program has half the size. A file
+# whose members declare more than this multiple of its size would fill the memory (test_ps4lib.py).
 _MAX_COMPRESSION = 16
 _COMPRESSION_SLACK_BYTES = 2**20
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")

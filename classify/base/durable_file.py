@@ -10,7 +10,7 @@ from pathlib import Path
 from classify.base.errors import InputError
 
 TEMPORARY_PREFIX = ".writing-"
-"""Suffix of a file or folder that is being written; a killed program leaves it behind."""
+"""Prefix of a file or folder that is being written; a killed program leaves it behind."""
 # Errors of systems that cannot force the entries of a folder to disk: Windows opens no folder, and
 # some network file systems refuse the call.
 _NO_FOLDER_SYNC = {

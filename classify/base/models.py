@@ -53,7 +53,7 @@ class Section(Record):
 
 _MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB, a plan of 10 000 specimens 700 kB
 
-_MOST_TABLES = 20  # within each other; files of ps4rig have four
+_MAX_TABLES = 20  # within each other; files of ps4rig have four
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
@@ -74,12 +74,12 @@ def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
 def _require_shallow(values: dict[str, Any]) -> None:
     """Raise ValueError for deep tables, which every later step would have to follow."""
     level: list[Any] = [values]
-    for _ in range(_MOST_TABLES):
+    for _ in range(_MAX_TABLES):
         inner = [value.values() if isinstance(value, dict) else value for value in level]
         level = [value for row in inner for value in row if isinstance(value, dict | list)]
         if not level:
             return
-    raise ValueError(f"more than {_MOST_TABLES} tables within each other")
+    raise ValueError(f"more than {_MAX_TABLES} tables within each other")
 
 
 def validated(values: dict[str, Any], model: type[_Model], source: str) -> _Model:

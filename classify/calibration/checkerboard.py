@@ -27,7 +27,7 @@ SEEN_TILT_DEG = 5.0
 # wrong.
 _WORST_RESIDUAL_PX = 1.0
 # Distortion that moves no pixel by more is not worth the resampling.
-_LEAST_DISTORTION_PX = 0.5
+_MIN_DISTORTION_PX = 0.5
 # A further coefficient counts if it explains this many times its share of the residual (F test with
 # more than 50 degrees of freedom: 1 in 1000).
 _SIGNIFICANT = 11.0
@@ -127,7 +127,7 @@ def scale_of_boards(
     shortened = 0.5 * (1.0 - float(np.cos(np.radians(fit.tilts_deg[flat].max()))))
     spread = float(fit.mm_per_px[flat].std()) / mm_per_px
     with_distortion = _WITH_DISTORTION if fit.radial.any() else 0.0
-    is_bent = distortion_px > _LEAST_DISTORTION_PX
+    is_bent = distortion_px > _MIN_DISTORTION_PX
     reach = max(float(np.linalg.norm(points - middle, axis=1).max()) for points in boards)
     scale = Scale(
         mm_per_px=mm_per_px,

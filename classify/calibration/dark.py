@@ -16,7 +16,7 @@ from .photon_transfer import BLOCKS, Frames, in_blocks, temporal_variances
 
 SAME_EXPOSURE = 0.02
 """Largest relative difference of equal exposures, which cameras round when they read them back."""
-_MOST_EXPOSURES = 16
+_MAX_EXPOSURES = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +59,8 @@ class Dark:
         times_ms = self.exposures_ms
         if self.exposure_ms is not None and not 0.0 < self.exposure_ms < np.inf:
             raise InputError(f"dark exposure of {self.exposure_ms:g} ms; give one above 0")
-        if len(times_ms) > _MOST_EXPOSURES:
-            raise InputError(f"{len(times_ms)} dark exposures; give up to {_MOST_EXPOSURES}")
+        if len(times_ms) > _MAX_EXPOSURES:
+            raise InputError(f"{len(times_ms)} dark exposures; give up to {_MAX_EXPOSURES}")
         if self.longer is None:
             return
         if not (self.exposure_ms or np.inf) < (self.longer.exposure_ms or 0.0):
@@ -160,11 +160,11 @@ def measured_at(dark: Dark) -> str:
 # never reaches it.
 _HOT = 6.0
 # Good industrial sensors have fewer than one hot pixel in a thousand.
-_MOST_HOT = 0.01
+_MAX_HOT_SHARE = 0.01
 # Shares of full scale. An 8-bit camera of gamma 2.2 with an offset of 1/64 shows 15 % in the dark;
 # a lens that is open in a lit room shows more, or a scene. The glow of a sensor's electronics
 # stays below 1 % of full scale at exposures of up to a second.
-_MOST_OFFSET, _MOST_STRUCTURE = 0.25, 0.02
+_MAX_OFFSET, _MAX_STRUCTURE = 0.25, 0.02
 # Share of full scale by which a light may raise a block: less than the least signal of an LED.
 _LEAK = 0.002
 # Standard errors of a difference that is not noise: any of 256 blocks exceeds them by chance in one
@@ -210,9 +210,9 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
     excess = mean - _per_pixel(medians, mean.shape)
     hot = np.abs(excess) > _HOT * np.sqrt(noise**2 + ROUNDING_VARIANCE)
     share = float(hot.mean())
-    if share > _MOST_HOT:
+    if share > _MAX_HOT_SHARE:
         raise CalibrationRejected(
-            f"{share:.1%} of the pixels are hot (at most {_MOST_HOT:.0%}): either light comes in "
+            f"{share:.1%} of the pixels are hot (at most {_MAX_HOT_SHARE:.0%}): either light enters "
             "beside the cover, or the exposure is too long for this camera; cover the lens, or "
             "shorten the exposure"
         )
@@ -245,13 +245,13 @@ def with_ambient(dark: Dark, image: npt.NDArray[np.generic], full_scale: float) 
 
 def _check_covered(medians: Floats, full_scale: float) -> None:
     level = float(np.median(medians)) / full_scale
-    if level > _MOST_OFFSET:
+    if level > _MAX_OFFSET:
         raise CalibrationRejected(
             f"the frames are not dark: {level:.0%} of full scale; cover the lens with its cap or "
             "with black foil"
         )
     structure = float(np.ptp(medians)) / full_scale
-    if structure > _MOST_STRUCTURE:
+    if structure > _MAX_STRUCTURE:
         raise CalibrationRejected(
             f"the frames are not evenly dark: their parts differ by {structure:.1%} of full scale; "
             "cover the whole lens, and keep light from the back of the camera"

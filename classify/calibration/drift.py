@@ -27,7 +27,7 @@ _JOINED = 8
 _DISTANT = 1e3
 # Lights are distant, at more than 50 fields of view, if their ratios vary less over the frame.
 _EVEN = 0.01
-_FEWEST_LIGHTS = 3  # least number that `fit_led_positions` takes
+_MIN_LIGHTS = 3  # least number that `fit_led_positions` takes
 # Changes beyond the first value are a warning, beyond the second a fault. An LED that is 10 % off
 # tilts a level part by 3 degrees at slant 45, 15 % by 4; a light 5 degrees lower gives 8 % less
 # light there, and its angle is known to 0.6 degrees (test_drift.py). classify/README.md has the
@@ -121,7 +121,7 @@ def plate_drift(
 def _leds(expected: Floats, blocks: PlateBlocks, lighting: Lighting) -> tuple[Floats, float, Aim]:
     """Positions of the LEDs, exponent and aim of their lobes, from a flat field."""
     ratios = expected - expected.mean(axis=0)
-    if len(expected) < _FEWEST_LIGHTS or float(ratios.std(axis=(1, 2)).max()) <= _EVEN:
+    if len(expected) < _MIN_LIGHTS or float(ratios.std(axis=(1, 2)).max()) <= _EVEN:
         return _DISTANT * lighting.directions, 1.0, "centre"
     usable = blocks.usable[0].astype(np.float64)
     fitted = fit_led_positions(ratios, usable, blocks.x, blocks.y)

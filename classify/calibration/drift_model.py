@@ -35,12 +35,12 @@ _LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
 # Natural logarithm of the odds against a cause, and against a tilted sheet, rare on a table.
 # tests/evidence/drift_rates.py counts which causes are mistaken for others.
 _LOG_ODDS, _LOG_ODDS_TILT = 3.0, 6.0
-_MOST_CAUSES = 3
+_MAX_CAUSES = 3
 # Gauss-Newton, in standard deviations of the numbers: step of derivatives and of convergence,
 # longest step; and the largest number of steps.
-_STEP, _LONGEST_STEP, _MOST_STEPS = 1e-3, 1.0, 12
+_STEP, _MAX_STEP, _MAX_STEPS = 1e-3, 1.0, 12
 _NO_SLOPE: Floats = np.zeros(2)
-_LOWEST_LIGHT = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
+_MIN_LIGHT_Z = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,7 +92,7 @@ class DriftModel:
         """The causes of a change (N, B), at most three, by stepwise selection with exchanges."""
         chosen: tuple[PossibleCause, ...] = ()
         score, numbers = self._fit(change, chosen, np.empty(0))
-        while len(chosen) < _MOST_CAUSES:
+        while len(chosen) < _MAX_CAUSES:
             longer, better, fitted = self._best(change, chosen, numbers)
             for index in range(len(longer) - 1):
                 # An earlier cause may have been a substitute for the causes chosen later.
@@ -139,7 +139,7 @@ class DriftModel:
             _LOG_ODDS_TILT if cause.kind == "sheet tilted" else _LOG_ODDS for cause in causes
         )
         residual, volume = self._whitener @ (change - predicted).ravel(), 0.0
-        for _ in range(_MOST_STEPS if causes else 0):
+        for _ in range(_MAX_STEPS if causes else 0):
             slopes = [
                 self._whitener
                 @ (self._change(causes, (scaled + shift) * spreads) - predicted).ravel()
@@ -149,7 +149,7 @@ class DriftModel:
             precision = jacobian.T @ jacobian + np.eye(len(spreads))
             step = np.linalg.solve(precision, jacobian.T @ residual - scaled)
             volume = float(np.linalg.slogdet(precision)[1])
-            scaled = scaled + np.clip(step, -_LONGEST_STEP, _LONGEST_STEP)
+            scaled = scaled + np.clip(step, -_MAX_STEP, _MAX_STEP)
             predicted = self._change(causes, scaled * spreads)
             residual = self._whitener @ (change - predicted).ravel()
             if np.abs(step).max() < _STEP:
@@ -283,7 +283,7 @@ def led_strength(
     squared = np.square(away).sum(axis=0)
     facing = (position[2] - position[:2] @ slope) / math.sqrt(1.0 + float(slope @ slope))
     axis = position / np.linalg.norm(position) if aim == "centre" else np.array([0.0, 0.0, 1.0])
-    towards = np.maximum(axis @ away / np.sqrt(squared), _LOWEST_LIGHT)
+    towards = np.maximum(axis @ away / np.sqrt(squared), _MIN_LIGHT_Z)
     light = math.log(max(facing, 1e-9)) - 1.5 * np.log(squared) + lobe_exponent * np.log(towards)
     return np.asarray(light, np.float64)
 
@@ -296,7 +296,7 @@ def moved_light(position: Floats, numbers: Floats) -> Floats:
     length = float(np.linalg.norm(across))
     across = across / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
     moved = towards + numbers[0] * across + numbers[1] * np.cross(towards, across)
-    moved[2] = max(moved[2], _LOWEST_LIGHT)
+    moved[2] = max(moved[2], _MIN_LIGHT_Z)
     return np.asarray(moved * (distance * np.exp(numbers[2]) / np.linalg.norm(moved)), np.float64)
 
 

@@ -38,14 +38,14 @@ _INNER = (0.1, 0.9)
 # Range of the exponent by which the curve goes on beyond the measured values.
 _EXPONENTS = (0.25, 4.0)
 # Gamma and sRGB curves need five exposures; one more is left to contradict a wrong one.
-_LEAST_EXPOSURES = 6
-_LEAST_RATIO = 4.0
+_MIN_EXPOSURES = 6
+_MIN_RATIO = 4.0
 # Share of full scale that the ladder must reach; the curve above is a continuation. The white sheet
 # reaches 60 % on a rig whose parts are well exposed, see rig/doctor/light_images.py.
-_LEAST_TOP = 0.5
+_MIN_TOP = 0.5
 # A response of gamma 4 rises by 30 % of its highest value over the least ratio of exposures;
 # automatic exposure keeps the value.
-_LEAST_RISE = 0.2
+_MIN_RISE = 0.2
 # Share of full scale by which a value may fall at a longer exposure: more than noise of means.
 _FALL = 0.005
 # Shares of full scale. One exposure that is 5 % wrong gives a median residual of 0.2 to 2.5 %, and
@@ -117,11 +117,11 @@ def _check_levels(levels: Floats, times: Floats) -> None:
         )
     ladder_ms = np.unique(times[usable])
     first_ms, last_ms = ladder_ms[0], ladder_ms[-1]
-    if len(ladder_ms) < _LEAST_EXPOSURES or last_ms < _LEAST_RATIO * first_ms:
+    if len(ladder_ms) < _MIN_EXPOSURES or last_ms < _MIN_RATIO * first_ms:
         raise CalibrationRejected(
             f"{len(ladder_ms)} different exposures from {first_ms:g} to {last_ms:g} ms are neither "
-            f"saturated nor black; give at least {_LEAST_EXPOSURES}, the longest "
-            f"{_LEAST_RATIO:g} times the shortest"
+            f"saturated nor black; give at least {_MIN_EXPOSURES}, the longest "
+            f"{_MIN_RATIO:g} times the shortest"
         )
     rises = np.diff(levels, axis=0)
     steps = np.array([np.nan if np.isnan(rise).all() else np.nanmedian(rise) for rise in rises])
@@ -139,15 +139,15 @@ def _check_levels(levels: Floats, times: Floats) -> None:
         )
     top = float(np.nanmax(levels))
     rise = float(np.nanmax(np.nanmax(levels, axis=0) - np.nanmin(levels, axis=0)))
-    if rise < _LEAST_RISE * top:
+    if rise < _MIN_RISE * top:
         raise CalibrationRejected(
             f"the values do not follow the exposure: they rise by {rise:.1%} of full scale from "
             f"{first_ms:g} to {last_ms:g} ms; turn off the camera's automatic exposure and gain"
         )
-    if top < _LEAST_TOP:
+    if top < _MIN_TOP:
         raise CalibrationRejected(
             f"the brightest value is {top:.0%} of full scale at {last_ms:g} ms; the response "
-            f"above {_LEAST_TOP:.0%} must be seen: use longer exposures, or open the aperture"
+            f"above {_MIN_TOP:.0%} must be seen: use longer exposures, or open the aperture"
         )
 
 
@@ -268,7 +268,7 @@ def _cause(levels: Floats, times: Floats, fit: _Fit) -> str:
     exposures = np.flatnonzero(np.isfinite(levels).any(axis=1))
     # The wrong exposure is the one without which the others agree best.
     best = fit
-    for left_out in exposures if len(exposures) > _LEAST_EXPOSURES else ():
+    for left_out in exposures if len(exposures) > _MIN_EXPOSURES else ():
         others = np.delete(np.arange(len(times)), left_out)
         enough = np.isfinite(levels[others]).sum(axis=0) > 1
         rest = _Fit.of(levels[np.ix_(others, enough)], times[others])

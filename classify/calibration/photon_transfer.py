@@ -103,13 +103,13 @@ class Noise:
 # Least variance V at which rounding adds 1/12 to within 0.003 at any mean: the first harmonic
 # of rounding is exp(-2 pi^2 v) (4 v + 1 / pi^2) with v = V - 1/12. At 0.24, which EMVA 1288
 # demands, it is 0.03, and the gain of an 8-bit camera on an even sheet comes out 1 % wrong.
-_LEAST_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
+_MIN_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
 # EMVA 1288 fits from the dark to 70 % of saturation: beyond, the brightest pixels clip.
 _HIGHEST = 0.7
 # Groups of blocks of similar mean, compared with the line; fewer do not show that it is straight.
-_GROUPS, _LEAST_GROUPS = 12, 4
+_GROUPS, _MIN_GROUPS = 12, 4
 # Least span of the levels, as a share of the range; the slope of a short piece is not meaningful.
-_LEAST_SPAN = 0.2
+_MIN_SPAN = 0.2
 # rms departure of the groups from the line, as a share of the variance: 0.6 % at most for linear
 # cameras, 2.7 % and more for a gamma of 1.15 or 0.85 (test_photon_transfer.py).
 _MAX_ERROR = 0.02
@@ -139,22 +139,22 @@ def photon_transfer(
     usable = (means <= highest) & (variances >= 0.0)  # false for NaN
     means, variances, freedom = means[usable], variances[usable], freedom[usable]
     dark_variance = None
-    if dark_noise_dn is not None and dark_noise_dn**2 >= _LEAST_VARIANCE:
+    if dark_noise_dn is not None and dark_noise_dn**2 >= _MIN_VARIANCE:
         dark_variance = dark_noise_dn**2
     # Selected by expected variances, not by the noisy ones: first by the mean of similar blocks,
     # then by the line.
-    selected = _smoothed(means, variances) >= _LEAST_VARIANCE
+    selected = _smoothed(means, variances) >= _MIN_VARIANCE
     for _ in range(2):
         lit = means[selected]
-        if len(lit) < _GROUPS or np.ptp(lit) < _LEAST_SPAN * highest:
+        if len(lit) < _GROUPS or np.ptp(lit) < _MIN_SPAN * highest:
             raise CalibrationRejected(
                 f"the noise has a variance of at most {variances.max(initial=0.0):.2g} in pixel "
-                f"values, where rounding hides it below {_LEAST_VARIANCE:g}, or too few levels are "
+                f"values, where rounding hides it below {_MIN_VARIANCE:g}, or too few levels are "
                 "lit; use a camera format with more bits, or longer exposures"
             )
         line, covariance = _fit(lit, variances[selected], freedom[selected], dark_variance)
         error = _departure(lit, variances[selected], line)
-        selected = line[0] + line[1] * means >= _LEAST_VARIANCE
+        selected = line[0] + line[1] * means >= _MIN_VARIANCE
     if not (line[1] > 0.0 and error <= _MAX_ERROR):
         raise CalibrationRejected(
             f"the variance departs by {error:.0%} from a line in the mean: the camera is not "
@@ -180,7 +180,7 @@ def _fit(
     """
     terms = np.stack([np.ones_like(means), means])
     line: Floats = np.zeros(2)
-    expected = np.maximum(variances, _LEAST_VARIANCE)
+    expected = np.maximum(variances, _MIN_VARIANCE)
     for _ in range(_ROUNDS):
         weights = freedom / (2.0 * np.square(expected))
         covariance = np.zeros((2, 2))
@@ -192,7 +192,7 @@ def _fit(
             line = np.array(
                 [intercept, covariance[1, 1] * (weights * means @ (variances - intercept))]
             )
-        expected = np.maximum(line @ terms, _LEAST_VARIANCE)
+        expected = np.maximum(line @ terms, _MIN_VARIANCE)
     # Scatter beyond the noise of the variances, for example by flickering light.
     excess = float(np.mean(np.square(variances - line @ terms) * weights))
     return line, covariance * max(1.0, excess)
@@ -216,7 +216,7 @@ def _departure(means: Floats, variances: Floats, line: Floats) -> float:
     measured = np.bincount(group, variances, _GROUPS)
     expected = np.bincount(group, line[0] + line[1] * means, _GROUPS)
     filled = sizes > 0
-    if np.count_nonzero(filled) < _LEAST_GROUPS:
+    if np.count_nonzero(filled) < _MIN_GROUPS:
         raise CalibrationRejected(
             f"only {np.count_nonzero(filled)} of {_GROUPS} ranges of levels are lit, too few to "
             "test for a line; use more exposures, or a scene of more levels"

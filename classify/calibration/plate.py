@@ -22,17 +22,17 @@ from .led_positions import LedPositions, fit_led_positions
 
 # Limits of the checks; "What a sheet is refused for" in classify/DECISIONS.md has the figures of
 # sheets, parts and textures.
-_MOST_SATURATED = 1e-3
+_MAX_SATURATED = 1e-3
 _DARKEST = 0.05
-_FEWEST_BLOCKS, _MOST_UNUSED = 0.125, 0.5
-_STEEPEST_RELIEF, _ROUGHEST_RATIO, _MOST_UNEVEN = 0.08, 0.02, 0.03
+_MIN_SHEET_SHARE, _MAX_UNUSED_SHARE = 0.125, 0.5
+_MAX_RELIEF_SLOPE, _MAX_RATIO_ROUGHNESS, _MAX_UNEVENNESS = 0.08, 0.02, 0.03
 _SHINIEST, _ON_ITS_SIDE, _MANY = 0.01, 0.2, 0.6
 # Largest tilt of a sheet by three estimates: the change of the lights when it is rotated, the
 # difference of measured and configured lights, and the levels of distant lights (10 % are 6
 # degrees).
-_MOST_TILTED_DEG, _MOST_TILTED_ALONE_DEG, _MOST_TILTED_BY_LEVELS_DEG = 4.0, 7.0, 12.0
+_MAX_TILT_DEG, _MAX_TILT_ALONE_DEG, _MAX_TILT_BY_LEVELS_DEG = 4.0, 7.0, 12.0
 # A tilt explains differences of directions, or of levels, if it leaves at most this share of them.
-_MOST_UNEXPLAINED_DIRECTIONS, _MOST_UNEXPLAINED_LEVELS = 0.5, 0.05
+_MAX_UNEXPLAINED_DIRECTIONS, _MAX_UNEXPLAINED_LEVELS = 0.5, 0.05
 # Positions with larger standard errors are no better than the configured directions. An error of
 # 20 % in the distance changes normals less than an error of 3 degrees in the direction does.
 _WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
@@ -107,15 +107,15 @@ def check_sheet(blocks: PlateBlocks, lighting: Lighting) -> None:
     """Reject light images that are saturated, too dark, or of something with relief."""
     _check_exposure(blocks)
     slopes = blocks.relief[blocks.usable] / np.tan(np.radians(lighting.slants_deg)).mean()
-    if np.median(slopes) > _STEEPEST_RELIEF:
+    if np.median(slopes) > _MAX_RELIEF_SLOPE:
         raise CalibrationRejected(
             f"not a white matt sheet: it has relief of rms slope {np.median(slopes):.2f}, a sheet "
-            f"less than {_STEEPEST_RELIEF:g}; put paper or a matt board below the camera"
+            f"less than {_MAX_RELIEF_SLOPE:g}; put paper or a matt board below the camera"
         )
 
 
 def check_evenness(residual: float) -> None:
-    if residual > _MOST_UNEVEN:
+    if residual > _MAX_UNEVENNESS:
         raise CalibrationRejected(
             f"not a white sheet: its reflectance varies by {residual:.1%} over the frame; use "
             "blank paper"
@@ -125,7 +125,7 @@ def check_evenness(residual: float) -> None:
 def _check_exposure(blocks: PlateBlocks) -> None:
     placement, light = np.unravel_index(blocks.saturated.argmax(), blocks.saturated.shape)
     share = blocks.saturated[placement, light]
-    if share > _MOST_SATURATED:
+    if share > _MAX_SATURATED:
         raise CalibrationRejected(
             f"light {light} saturates {share:.1%} of the sheet; lower camera.exposure_ms in "
             f"rig.toml, or the level of LED {light} (simulation.led_levels of a simulated rig); "
@@ -140,7 +140,7 @@ def _check_exposure(blocks: PlateBlocks) -> None:
             f"{_REPEATED}"
         )
     share = blocks.usable.mean(axis=(1, 2)).min()
-    if share < _FEWEST_BLOCKS:
+    if share < _MIN_SHEET_SHARE:
         raise CalibrationRejected(
             f"only {share:.0%} of the frame shows the sheet; let it fill the frame"
         )
@@ -187,17 +187,17 @@ def _checked_tilt_deg(
     tilts_deg: Floats, fitted: FittedFlatField, measured: Lighting | None, configured: Lighting
 ) -> float:
     """Check the tilts; return the one that all share, by measured less configured lights."""
-    if tilts_deg.max() > _MOST_TILTED_DEG:
+    if tilts_deg.max() > _MAX_TILT_DEG:
         raise CalibrationRejected(
             f"the sheet is tilted by {tilts_deg.max():.1f} degrees; lay it flat, to "
-            f"{_MOST_TILTED_DEG:g} degrees"
+            f"{_MAX_TILT_DEG:g} degrees"
         )
     if measured is not None:
-        alone_deg, most_deg = _common_tilt_deg(measured, configured), _MOST_TILTED_ALONE_DEG
+        alone_deg, most_deg = _common_tilt_deg(measured, configured), _MAX_TILT_ALONE_DEG
     else:
         levels = fitted.flat_field.coefficients[:, 0, 0]
         alone_deg = _tilt_of_levels_deg(levels - levels.mean(), configured)
-        most_deg = _MOST_TILTED_BY_LEVELS_DEG
+        most_deg = _MAX_TILT_BY_LEVELS_DEG
     if alone_deg > most_deg:
         raise CalibrationRejected(
             f"the sheet is tilted by about {alone_deg:.0f} degrees, or the lights do not stand as "
@@ -213,7 +213,7 @@ def _common_tilt_deg(measured: Lighting, configured: Lighting) -> float:
     design = np.concatenate([-_cross(direction) for direction in configured.directions])
     rotation, *_ = np.linalg.lstsq(design, change.ravel(), rcond=None)
     left = change.ravel() - design @ rotation
-    if np.square(left).sum() > _MOST_UNEXPLAINED_DIRECTIONS * np.square(change).sum():
+    if np.square(left).sum() > _MAX_UNEXPLAINED_DIRECTIONS * np.square(change).sum():
         return 0.0
     return float(np.degrees(np.hypot(rotation[0], rotation[1])))
 
@@ -231,13 +231,13 @@ def _tilt_of_levels_deg(levels: Floats, configured: Lighting) -> float:
     centred = tangents - tangents.mean(axis=0)
     slopes, *_ = np.linalg.lstsq(-centred, levels, rcond=None)
     left = levels + centred @ slopes
-    if np.square(left).sum() > _MOST_UNEXPLAINED_LEVELS * np.square(levels).sum():
+    if np.square(left).sum() > _MAX_UNEXPLAINED_LEVELS * np.square(levels).sum():
         return 0.0
     return float(np.degrees(np.arctan(np.linalg.norm(slopes))))
 
 
 def _check_surface(fitted: FittedFlatField) -> None:
-    if fitted.ratio_residual > _ROUGHEST_RATIO or fitted.unused > _MOST_UNUSED:
+    if fitted.ratio_residual > _MAX_RATIO_ROUGHNESS or fitted.unused > _MAX_UNUSED_SHARE:
         raise CalibrationRejected(
             f"not a white matt sheet: the lights differ by {fitted.ratio_residual:.1%} from place "
             f"to place, and {fitted.unused:.0%} of the frame fits no smooth light; use a sheet, or "

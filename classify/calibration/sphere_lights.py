@@ -19,17 +19,17 @@ from .sphere import Sphere
 # for a highlight at full scale, which lit walls beside the lamp approach (to 0.7 in a test).
 _HIGHLIGHT, _CLIPPED_HIGHLIGHT = 0.5, 0.8
 # Least share in the brightest pixel of a highlight; a lit wall or a glossy table does not reach it.
-_LEAST_PEAK = 0.9
+_MIN_PEAK = 0.9
 # Used share of the radius; farther out the pixels mix with the background.
 _INSIDE = 0.97
 # Least ratio of a highlight's peak to the changes of the rest of the sphere, by their robust
 # scatter. Noise alone gives 4.5; a lamp that lights a bright room unevenly leaves 5.7
 # (sphere_rates.py).
-_LEAST_CONTRAST, _LEAST_CHANGE = 5.0, 2.0
+_MIN_CONTRAST, _MIN_CHANGE = 5.0, 2.0
 # A second reflection with this share of the light of the first makes the choice doubtful.
 _DOUBTFUL = 0.5
 # Least z of the direction of a light; lower ones are reflections, for example in the table.
-_LOWEST_Z = 0.02
+_MIN_Z = 0.02
 # A reflection that fills more than this solid angle (steradian, a cone of 30 degrees radius) is a
 # lit wall or an overexposed light image.
 _LARGEST = 2.0 * np.pi * (1.0 - np.cos(np.radians(30.0)))
@@ -81,9 +81,9 @@ def mirror_directions(
             _Highlight.of(pixels, change, share - least, towards)
             for number in range(1, int(labels.max()) + 1)
             for pixels in [np.flatnonzero(labels == number)]
-            if share[pixels].max() >= _LEAST_PEAK
+            if share[pixels].max() >= _MIN_PEAK
         ]
-        above = [highlight for highlight in highlights if highlight.direction[2] > _LOWEST_Z]
+        above = [highlight for highlight in highlights if highlight.direction[2] > _MIN_Z]
         if not above:
             raise CalibrationRejected(
                 f"light image {light}: its brightest reflection is in the rim of the sphere, as of "
@@ -130,7 +130,7 @@ def _lit_share(values: Floats, room: Floats, light: int) -> tuple[Floats, float]
     scatter = SIGMA_PER_MAD * float(np.median(np.abs(change - middle)))
     # Values of one digit have no scatter, and are uncertain by one.
     noise = max(scatter, 1.0 if float(values.max()) > 1.0 else 0.0)
-    if highest - middle < _LEAST_CONTRAST * noise or highest <= 0.0:
+    if highest - middle < _MIN_CONTRAST * noise or highest <= 0.0:
         raise CalibrationRejected(
             f"light image {light} has no highlight on the sphere that the others lack; is it a "
             "polished sphere, and does each light image have its own light?"
@@ -138,7 +138,7 @@ def _lit_share(values: Floats, room: Floats, light: int) -> tuple[Floats, float]
     bright = values[change >= 0.5 * highest]
     is_clipped = (bright == bright.max()).sum() > 1
     share = change / (np.maximum(bright.max() - room, 1e-9) if is_clipped else highest)
-    is_changed = change > _LEAST_CHANGE * noise + middle
+    is_changed = change > _MIN_CHANGE * noise + middle
     least = _CLIPPED_HIGHLIGHT if is_clipped else _HIGHLIGHT
     return np.where(is_changed, np.clip(share, 0.0, 1.0), 0.0), least
 
@@ -152,10 +152,10 @@ _LIT = 0.25
 # Share of full scale from which on a pixel counts as saturated.
 SATURATED = 0.995
 # Least share of the sphere below full scale: its brightest part shows the light best.
-_LEAST_UNSATURATED = 0.6
+_MIN_UNSATURATED_SHARE = 0.6
 # Share of the sphere that must be lit and fit. A light at slant 75 reaches 0.4 of it.
-_LEAST_USED = 0.2
-_MOST_PIXELS = 3000
+_MIN_USED_SHARE = 0.2
+_MAX_PIXELS = 3000
 # Error by vignetting and response, which the jackknife does not show. Half of the
 # lights of matt spheres in masks are within 0.2 degrees, 90 % within 0.65 (sphere_rates.py).
 _MODEL_DEG = 0.3
@@ -181,7 +181,7 @@ def matte_directions(
     `vignetting` is the share of light missing in the corners, None to fit it.
     """
     rows, columns = sphere.pixels(_SHADED_SHARE)
-    every = -(-len(rows) // _MOST_PIXELS)
+    every = -(-len(rows) // _MAX_PIXELS)
     rows, columns = rows[::every], columns[::every]
     normals, _ = sphere.surface_at(columns, rows)
     middle = 0.5 * (np.array(sphere.frame) - 1.0)
@@ -190,7 +190,7 @@ def matte_directions(
     for light, image in enumerate(images):
         values = image[rows, columns].astype(np.float64)
         usable = values < SATURATED * full_scale
-        if usable.mean() < _LEAST_UNSATURATED:
+        if usable.mean() < _MIN_UNSATURATED_SHARE:
             raise CalibrationRejected(
                 f"light image {light}: {1.0 - usable.mean():.0%} of the sphere is at full scale; "
                 "shorten the exposure"
@@ -277,7 +277,7 @@ def _fitting_pixels(
     spread = SIGMA_PER_MAD * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
     far = np.abs(values - np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))) > 3.0 * spread
     fitting = np.asarray((cosine > _LIT) & ~far)
-    if fitting.mean() < _LEAST_USED:
+    if fitting.mean() < _MIN_USED_SHARE:
         raise CalibrationRejected(
             f"light image {samples.light}: {fitting.mean():.0%} of the sphere shows the shading of "
             "a matt sphere; use a matt ball (--sphere mirror is for a polished one), lit from above"

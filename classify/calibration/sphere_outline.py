@@ -20,7 +20,7 @@ from .circle import Circle, centre_error, circles_through, fitted_circle, voted_
 # is then 0.03 degrees of a normal.
 _SEARCH_PX, _FIT_RADIUS_PX = 320, 200.0
 # At 12 px an outline known to 0.2 px gives lights to 2 degrees.
-_SMALLEST_RADIUS_PX = 12.0
+_MIN_RADIUS_PX = 12.0
 # Candidates that are fitted, rays from the centre, sectors of a score, edges kept on a ray, and
 # random circles of each fit. More take more time; sphere_rates.py prints the errors.
 _FINALISTS = 5
@@ -28,13 +28,13 @@ _RAYS, _SECTORS, _EDGES_PER_RAY = 240, 8, 5
 _TRIALS = 240
 # Bands of radii in which edges are sought, and the tolerance, each as a share of the radius.
 _COARSE, _FINE = ((0.15, 0.01), (0.08, 0.01)), ((0.05, 0.005),)
-_SMALLEST_TOLERANCES_PX = {0.01: 1.0, 0.005: 0.5}
+_MIN_TOLERANCES_PX = {0.01: 1.0, 0.005: 0.5}
 # Rooms rendered without a sphere give 0 to 0.2, spheres in them 0.07 to 1
 # (tests/sphere_pictures.py). A later step refuses circles without the highlight or the shading of a
 # sphere.
-_LOWEST_SCORE = 0.05
+_MIN_SCORE = 0.05
 # At the finer scale wrong outlines of sphere_rates.py had 0.02 and 0.03, right ones 0.05 to 1.
-_LOWEST_FINE_SCORE = 0.04
+_MIN_FINE_SCORE = 0.04
 # Added to shares of full scale, so that noise of one digit in a black background is no edge.
 _FLOOR = 0.02
 # Least number of lights for a ratio: the brightest is left out, and two remain.
@@ -80,10 +80,10 @@ def outline_of_mask(mask: BoolArray) -> Outline:
     region = labels == np.argmax(sizes) if count else np.zeros_like(mask)
     rows, columns = np.nonzero(region)
     radius = float(np.sqrt(rows.size / np.pi))
-    if radius < _SMALLEST_RADIUS_PX:
+    if radius < _MIN_RADIUS_PX:
         raise CalibrationRejected(
             f"the sphere in the mask has {2 * radius:.0f} px across; show it with at least "
-            f"{2 * _SMALLEST_RADIUS_PX:.0f} px"
+            f"{2 * _MIN_RADIUS_PX:.0f} px"
         )
     height, width = mask.shape
     if (
@@ -120,7 +120,7 @@ def find_outline(images: Array, *, is_mirror: bool = True) -> Outline:
     small = _reduced(features, factor)
     outlines = [
         _fitted(small, circle, _COARSE[:1])
-        for circle in voted_circles(small, factor * _SMALLEST_RADIUS_PX)
+        for circle in voted_circles(small, factor * _MIN_RADIUS_PX)
     ]
     outlines = sorted(outlines, key=_rank)[-_FINALISTS:]
     outlines = [_fitted(small, outline.circle, _COARSE[1:]) for outline in outlines]
@@ -130,7 +130,7 @@ def find_outline(images: Array, *, is_mirror: bool = True) -> Outline:
     near, doubt_px = _scaled(best.circle, 1.0 / factor), _doubt_px(outlines, best) / factor
     factor = min(1.0, _FIT_RADIUS_PX / near.radius)
     fine = _fitted(_reduced(features, factor), _scaled(near, factor), _FINE)
-    if max(best.score, fine.score) < _LOWEST_SCORE or fine.score < _LOWEST_FINE_SCORE:
+    if max(best.score, fine.score) < _MIN_SCORE or fine.score < _MIN_FINE_SCORE:
         raise CalibrationRejected(_NO_SPHERE)
     circle = _scaled(fine.circle, 1.0 / factor)
     angles = np.linspace(0.0, 2.0 * np.pi, _RAYS, endpoint=False)
@@ -143,7 +143,7 @@ def find_outline(images: Array, *, is_mirror: bool = True) -> Outline:
             f"{circle.radius:.0f} px is cut by the frame; show the whole of it"
         )
     rim = (fine.rim + 0.5) / factor - 0.5
-    systematic_px = _SYSTEMATIC_SHARE * circle.radius / max(fine.score, _LOWEST_SCORE)
+    systematic_px = _SYSTEMATIC_SHARE * circle.radius / max(fine.score, _MIN_SCORE)
     random_px = float(np.hypot(fine.error_px / factor, doubt_px))
     error_px = float(np.hypot(random_px, systematic_px)) + _SYSTEMATIC_PX
     return Outline(circle, rim, error_px, fine.score)
@@ -267,7 +267,7 @@ def _fitted(
     rim = np.empty((0, 2))
     for band, share in rounds:
         band_px = max(band * start.radius, 4.0)
-        tolerance = max(_SMALLEST_TOLERANCES_PX[share], share * start.radius)
+        tolerance = max(_MIN_TOLERANCES_PX[share], share * start.radius)
         points, weights = _radial_edges(features, circle, band_px)
         # Three rays about a third of the circumference apart.
         ray = rng.integers(0, _RAYS, (_TRIALS, 1)) + np.arange(3) * (_RAYS // 3)

@@ -41,7 +41,7 @@ from .joint_features import (
 from .joint_learning import class_limits, learn, limit_factors, parameter_shapes, scatter_factor
 
 # A less sharp orientation can be off by 90 degrees; it gets no heading.
-_LEAST_SHARPNESS = 0.5
+_MIN_SHARPNESS = 0.5
 # Least squared distance of a reference under rotated lights from the set's own signature, in units
 # of the distance between quarters. A nearer reference changes no match and is left out.
 _MIN_SQUARED_DISTANCE = 0.1
@@ -112,7 +112,7 @@ def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Co
     headings = heading_scores(test[_HEADING], references[:, _HEADING], spectral.shifts_deg)
     # The moments of a smaller frame scatter more.
     headings /= np.sqrt(test[-1])
-    headings[spectral.sharpness < _LEAST_SHARPNESS] = 0.0
+    headings[spectral.sharpness < _MIN_SHARPNESS] = 0.0
     return Comparison(total, spectral.shifts_deg, spectral.sharpness, headings, blurs_px)
 
 

@@ -40,13 +40,13 @@ _SCATTER_POWER = 0.4
 # Differences from day to day do not depend on the scatter of a class: sheets of corrugated steel,
 # of scatter 0.2, are at 1.2 to 1.8 from their class with another rig and focus. See "When a
 # surface is unknown" in classify/DECISIONS.md for what this gives.
-_LEAST_SCATTER = 0.5
+_MIN_SCATTER = 0.5
 # The largest factor of the 22 materials. Quarters of a part with a figure in one of them differ
 # more than textures do (test_a_class_with_a_figure_in_a_corner...).
-_LARGEST_FACTOR = 1.5
+_MAX_FACTOR = 1.5
 # Largest factor of a class with one set only: the 95th percentile and the mean of the factors of
 # uniform classes. See "Uniformity" in classify/DECISIONS.md.
-_LARGEST_FACTOR_OF_ONE_SET: Mapping[Uniformity, float] = {"varied": 1.3, "no texture": 1.0}
+_MAX_FACTOR_OF_ONE_SET: Mapping[Uniformity, float] = {"varied": 1.3, "no texture": 1.0}
 # Median distance of another patch to a class of scatter 1, and standard deviations of its logarithm
 # between classes of equal scatter and between patches of one class, together 0.43. On 22 scanned
 # materials the median is 0.84 and the deviation 0.53; joint_constants.py prints what larger
@@ -57,7 +57,7 @@ _PATCH_SPREAD = 0.26
 _DEVIATIONS = 2.33
 # Mean and standard deviation of the least of one, two and three normal numbers. More sets count as
 # three: they seldom show as many independent patches.
-_LEAST_NORMAL = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
+_MINIMUM_OF_NORMALS = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
 # Below this side the limit falls with the eighth root of the side, by 8 % at 128 px: smaller frames
 # distinguish textures less well.
 _SUFFICIENT_PX = 256
@@ -69,8 +69,8 @@ _MAX_REFERENCES = 256
 
 def scatter_factor(distances: Floats) -> float:
     """Factor of the limit of a class, from distances between the quarters of a set."""
-    scatter = max(float(distances.mean()), _LEAST_SCATTER)
-    return float(min(scatter**_SCATTER_POWER, _LARGEST_FACTOR))
+    scatter = max(float(distances.mean()), _MIN_SCATTER)
+    return float(min(scatter**_SCATTER_POWER, _MAX_FACTOR))
 
 
 def limit_factors(
@@ -82,7 +82,7 @@ def limit_factors(
     """(n,) `scatter_factor` of each reference, bounded in uneven classes with one set."""
     sets_of = Counter(label for label, _ in set(zip(labels, sets, strict=True)))
     bounds = [
-        _LARGEST_FACTOR_OF_ONE_SET.get(uniformity.get(label, "uniform"), math.inf)
+        _MAX_FACTOR_OF_ONE_SET.get(uniformity.get(label, "uniform"), math.inf)
         if sets_of[label] == 1
         else math.inf
         for label in labels
@@ -107,7 +107,7 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
     logs = [math.log(value) for value in distances if value > math.exp(expected - 2.0 * spread)]
     if not logs:
         return limit
-    nearest, deviation = _LEAST_NORMAL[min(len(logs), len(_LEAST_NORMAL)) - 1]
+    nearest, deviation = _MINIMUM_OF_NORMALS[min(len(logs), len(_MINIMUM_OF_NORMALS)) - 1]
     most = nearest * _PATCH_SPREAD + _DEVIATIONS * math.hypot(
         _CLASS_SPREAD, deviation * _PATCH_SPREAD
     )
@@ -154,12 +154,12 @@ _SPECTRAL_SHARE = 0.5
 # upper quartile of the sets counts: a part in little shadow has more in other orientations.
 _FLOOR_ERRORS = 3.0
 _FLOOR_QUANTILE = 0.75
-_LEAST_FLOOR = 1e-6
+_MIN_FLOOR = 1e-6
 # Four quarters give a variance to a factor of two. It is averaged with the typical variance of all
 # statistics, which counts as this many degrees of freedom, so that one class gives much the same
 # metric as 22.
 _TYPICAL_DEGREES = 48.0
-_LEAST_VARIANCE = 1e-4  # of a statistic without noise; those of textures are 0.0006 or more
+_MIN_VARIANCE = 1e-4  # of a statistic without noise; those of textures are 0.0006 or more
 # Slopes of one surface differ by this factor from day to day: a slant of 42 instead of 45 degrees
 # makes them 10 % smaller, 5 % of ambient light left in another 5 %. Quarters of a frame do not show
 # it, so it is added to their covariance.
@@ -177,7 +177,7 @@ _CONTRAST_VARIANCE = 0.3
 _TYPICAL_CONTRASTS = (0.3, 0.3, 0.1)
 # Quarters of any surface with noise differ by 1 or more; smooth plates without noise differ by the
 # rounding of single precision, which must not become the unit (test_a_smooth_plate_is_a_class...).
-_LEAST_DISTANCE = 0.1
+_MIN_DISTANCE = 0.1
 
 
 def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Parameters:
@@ -186,10 +186,10 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
     densities = [frame.curl_density for frame in frames]
     curls = [frame.statistics.moments[0, :, 7] for frame in frames]
     density_floor = np.array(
-        max(_FLOOR_ERRORS * float(np.quantile(densities, _FLOOR_QUANTILE)), _LEAST_FLOOR)
+        max(_FLOOR_ERRORS * float(np.quantile(densities, _FLOOR_QUANTILE)), _MIN_FLOOR)
     )
     relief_floors = np.maximum(
-        _FLOOR_ERRORS * np.quantile(curls, _FLOOR_QUANTILE, axis=0), _LEAST_FLOOR
+        _FLOOR_ERRORS * np.quantile(curls, _FLOOR_QUANTILE, axis=0), _MIN_FLOOR
     )
     floors = {
         "density_floor": density_floor,
@@ -211,7 +211,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
         "heading_variances": np.mean(variances, axis=0),
         "pixels": np.array(np.median([float(frame.pixels) for frame in frames])),
         "spectral_scatter": np.array(_spectral_unit(spectral.mean(axis=1))),
-        "local_scatter": np.array(max(float(local.mean()), _LEAST_DISTANCE)),
+        "local_scatter": np.array(max(float(local.mean()), _MIN_DISTANCE)),
     }
     curves = np.stack(
         [blur_curve(training.frame, training.blurred, learned) for training in trainings]
@@ -247,7 +247,7 @@ def _contrast_gains(trainings: Sequence[JointTraining], density_floor: Floats) -
 
 def _spectral_unit(distances: Floats) -> float:
     """Geometric mean of spectral distances between quarters, over sets and a prior."""
-    logs = np.log(np.maximum(distances, _LEAST_DISTANCE))
+    logs = np.log(np.maximum(distances, _MIN_DISTANCE))
     total = float(logs.sum()) + _TYPICAL_SETS * math.log(_TYPICAL_SPECTRAL)
     return math.exp(total / (len(logs) + _TYPICAL_SETS))
 
@@ -257,7 +257,7 @@ def _whitening(quarters: Floats, levels: int) -> Floats:
     deviations = (quarters - quarters.mean(axis=1, keepdims=True)).reshape(-1, quarters.shape[-1])
     degrees = len(quarters) * (QUARTERS - 1)
     covariance = deviations.T @ deviations / degrees
-    np.fill_diagonal(covariance, np.diag(covariance) + _LEAST_VARIANCE)
+    np.fill_diagonal(covariance, np.diag(covariance) + _MIN_VARIANCE)
     variances = np.diag(covariance)
     typical = np.exp(np.log(variances).mean())
     scatter = np.sqrt(

@@ -98,7 +98,7 @@ DEVIATIONS = [0, 3]
 _SMOOTHING_CELLS = 1.0
 # Least variance of slopes and of log albedo; rounding to 8 bit has a variance of 1e-6.
 _ROUNDING_VARIANCE = np.float32(1e-6)
-_LEAST_SHARE = np.float32(1e-3)
+_MIN_SHARE = np.float32(1e-3)
 
 
 def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
@@ -113,7 +113,7 @@ def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
     values: list[Array] = []
     for side in _WINDOWS:
         sums: Array = cv2.blur(moments, (side, side), borderType=cv2.BORDER_CONSTANT)
-        means: Array = np.moveaxis(sums / np.maximum(sums[..., :1], _LEAST_SHARE), -1, 0)
+        means: Array = np.moveaxis(sums / np.maximum(sums[..., :1], _MIN_SHARE), -1, 0)
         _, p, q, a, pp, qq, pq, aa = means
         xx, yy, xy = pp - p * p, qq - q * q, pq - p * q
         total = np.maximum(xx + yy, _ROUNDING_VARIANCE)
@@ -128,7 +128,7 @@ def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
 def smoothed(squares: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
     """Gaussian mean of the squared distances of the valid cells around every cell."""
     share = valid.astype(np.float32)
-    around = np.maximum(gaussian_mean(share, _SMOOTHING_CELLS), _LEAST_SHARE)
+    around = np.maximum(gaussian_mean(share, _SMOOTHING_CELLS), _MIN_SHARE)
     mean: Array = gaussian_mean(squares * share, _SMOOTHING_CELLS) / around
     return mean
 
@@ -138,17 +138,17 @@ def _mean_around(values: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
     share = valid.astype(np.float32)
     sums: Array = cv2.blur(values * share, (3, 3), borderType=cv2.BORDER_CONSTANT)
     around: Array = cv2.blur(share, (3, 3), borderType=cv2.BORDER_CONSTANT)
-    return np.asarray(sums / np.maximum(around, _LEAST_SHARE), np.float32)
+    return np.asarray(sums / np.maximum(around, _MIN_SHARE), np.float32)
 
 
 CENTRES = 200
 """Number of good cells in a model."""
 # Cells from which the centres are chosen, evenly from all parts.
-_MOST_CELLS = 20_000
+_MAX_CELLS = 20_000
 # Ridge on the variances, so that directions in which a few parts agree by chance do not decide.
 _RIDGE = 0.01
 # Added to every variance: a statistic that is constant on all good parts must not decide.
-_LEAST_VARIANCE = 1e-6
+_MIN_VARIANCE = 1e-6
 # Cells whose distances from all centres stay in the cache.
 _BLOCK = 512
 
@@ -177,11 +177,11 @@ class GoodCells:
         moments = moments / moments[0, 0]
         mean = moments[0, 1:]
         covariance = moments[1:, 1:] - np.outer(mean, mean)
-        covariance += _RIDGE * np.diag(np.diag(covariance)) + _LEAST_VARIANCE * np.eye(len(mean))
+        covariance += _RIDGE * np.diag(np.diag(covariance)) + _MIN_VARIANCE * np.eye(len(mean))
         values, vectors = np.linalg.eigh(covariance)
         whitening = (vectors / np.sqrt(values)).astype(np.float32)
         cells = np.concatenate(parts)
-        cells = cells[np.linspace(0, len(cells) - 1, min(len(cells), _MOST_CELLS)).astype(int)]
+        cells = cells[np.linspace(0, len(cells) - 1, min(len(cells), _MAX_CELLS)).astype(int)]
         cells = (cells - mean.astype(np.float32)) @ whitening
         centres = np.empty((CENTRES, len(mean)), np.float32)
         nearest = np.full(len(cells), np.inf, np.float32)
@@ -235,7 +235,7 @@ _LEVELS = np.arange(0.0, 4.5, _STEP)
 QUANTILES = len(_LEVELS)
 """Number of quantiles of each departure."""
 # Least mean excess of the tail; departures are of order 1.
-_LEAST_EXCESS = 0.01
+_MIN_EXCESS = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -252,7 +252,7 @@ class EvidenceModel:
         for values in samples:
             quantiles = np.quantile(values, -np.expm1(-_LEVELS))
             beyond = values[values > quantiles[-1]] - quantiles[-1]
-            excess.append(max(float(beyond.mean()) if len(beyond) else 0.0, _LEAST_EXCESS))
+            excess.append(max(float(beyond.mean()) if len(beyond) else 0.0, _MIN_EXCESS))
             # Quantiles must differ to be interpolated, also those of a constant departure.
             all_quantiles.append(quantiles + 1e-6 * np.arange(QUANTILES))
         return cls(np.array(all_quantiles, np.float32), np.array(excess, np.float32))

@@ -23,7 +23,7 @@ _SCRATCH_PX: Final = 40.0
 
 # Fewest and most places in which a defect is tried. It is tried in more until the ratio of the ends
 # of the 1-sigma interval of its strength is below `_PRECISE`; an even texture needs few.
-_LEAST_PLACES, _MOST_PLACES, _PRECISE = 48, 256, 1.15
+_MIN_PLACES, _MAX_PLACES, _PRECISE = 48, 256, 1.15
 # Side of the piece of a large part that is used: enough for 16 places.
 _SIDE_PX = 512
 # Spacing of the defects on one part, at which one does not change the score of another, and the
@@ -31,10 +31,10 @@ _SIDE_PX = 512
 _SPACING_PX, _MOVED_PX = 112.0, 16.0
 # Distance from a defect within which a cell can show it; share of valid pixels of a usable place.
 _REACH_PX = 16.0
-_LEAST_VALID = 0.95
+_MIN_VALID_SHARE = 0.95
 # Weakest tried strength as a share of the strongest; number of bisections between them.
 _WEAKEST, _STEPS = 1.0 / 128.0, 5
-_LEAST_SCORE = 1e-3
+_MIN_SCORE = 1e-3
 
 _Kind = Literal["scratch", "dent", "stain"]
 _Piece = tuple[slice, slice]
@@ -171,7 +171,7 @@ def least_found(
     """
 
     def logs(strengths: Floats) -> Floats:
-        return np.log(np.maximum(scores(np.exp(strengths)), _LEAST_SCORE))
+        return np.log(np.maximum(scores(np.exp(strengths)), _MIN_SCORE))
 
     low, high = np.full(count, math.log(weakest)), np.full(count, math.log(strongest))
     above, below = logs(high), np.full(count, np.nan)
@@ -183,7 +183,7 @@ def least_found(
         below, above = np.where(is_found, below, score), np.where(is_found, score, above)
         low, high = np.where(is_found, low, middle), np.where(is_found, middle, high)
     # A place where even the weaker ones are found has no lower score.
-    share = np.where(np.isnan(below), 0.5, -below / np.maximum(above - below, _LEAST_SCORE))
+    share = np.where(np.isnan(below), 0.5, -below / np.maximum(above - below, _MIN_SCORE))
     share = np.clip(share, 0.0, 1.0)  # beyond it only where nothing is found
     return np.where(is_ever_found, np.exp(low + share * (high - low)), np.inf)
 
@@ -209,7 +209,7 @@ def with_stamps(
 
 def _is_enough(strengths: Sequence[float]) -> bool:
     count = len(strengths)
-    return count >= _MOST_PLACES or (count >= _LEAST_PLACES and is_precise(strengths))
+    return count >= _MAX_PLACES or (count >= _MIN_PLACES and is_precise(strengths))
 
 
 def _middle_of(surface: SurfaceEstimate) -> SurfaceEstimate:
@@ -223,7 +223,7 @@ def _middle_of(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 def _is_valid(part: SurfaceEstimate, defect: KnownDefect, place: Place) -> bool:
     around = _piece(part.shape, place, 0.5 * defect.extent_px + _REACH_PX)
-    return bool(part.valid[around].mean() >= _LEAST_VALID)
+    return bool(part.valid[around].mean() >= _MIN_VALID_SHARE)
 
 
 def _strengths(

@@ -24,10 +24,10 @@ COARSEST = 16
 # and the numbers of the files beside this one, are tested in defect_constants.py.
 _FADE = 17
 # Sigma of the Gaussian that fills gaps. A gap is too large to fill where the Gaussian mean of valid
-# pixels is below `_LEAST_FILLED`.
+# pixels is below `_MIN_FILLED_SHARE`.
 _FILL_PX = 2.0
-_LEAST_FILLED = np.float32(0.25)
-_LEAST_VALID = np.float32(0.5)
+_MIN_FILLED_SHARE = np.float32(0.25)
+_MIN_VALID_SHARE = np.float32(0.5)
 _TINY = np.float32(1e-3)
 # Valid pixels as bytes, which OpenCV resizes faster; a quarter of the value is a whole number.
 _BYTE = np.uint8(252)
@@ -84,7 +84,7 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
         for shares in (share, whole)
     )
     p, q, albedo = planes
-    valid = cells >= _LEAST_VALID * covered
+    valid = cells >= _MIN_VALID_SHARE * covered
     return PartFields(p, q, albedo, weight, moments, valid, surface.shape)
 
 
@@ -117,7 +117,7 @@ def _whole_frame(shape: tuple[int, int], rows: int, columns: int) -> tuple[Float
 def _faded(share: FloatMap) -> FloatMap:
     """Weights that fade to 0 towards the frame and large gaps."""
     eroded = cv2.erode(
-        (share > _LEAST_FILLED).astype(np.float32), np.ones((_FADE, _FADE), np.uint8),
+        (share > _MIN_FILLED_SHARE).astype(np.float32), np.ones((_FADE, _FADE), np.uint8),
         borderType=cv2.BORDER_CONSTANT, borderValue=0,
     )  # fmt: skip
     faded = cv2.blur(eroded, (_FADE, _FADE), borderType=cv2.BORDER_CONSTANT)

@@ -34,13 +34,13 @@ from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
 # Cells on a side of a tile. Maxima of tiles are hardly correlated, scores of cells are.
 _TILE = 64 // CELL_PX
 # Share of the tile maxima, or at least this many, to which the tail is fitted.
-_TAIL_SHARE, _LEAST_TAIL = 0.2, 10
+_TAIL_SHARE, _MIN_TAIL = 0.2, 10
 # Two tile maxima: one at which the tail begins, and one in the tail.
-_LEAST_TILES = 2
+_MIN_TILES = 2
 # Longest tail: evidence has an exponential one (shape 0) unless parts differ.
-_LONGEST_TAIL = 0.2
+_MAX_TAIL = 0.2
 # Responses are of order 1; that to an albedo which is exactly constant on all good parts is 0.
-_LEAST_LIMIT = 1e-3
+_MIN_LIMIT = 1e-3
 
 # Quantile of the normal distribution at 95 %. With one standard error 5 of 96 good parts had an
 # alarm in `tests/evidence/test_defects.py`, where 1 % is asked.
@@ -69,12 +69,12 @@ def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
     ordered = np.sort(np.moveaxis(maxima, 1, 0).reshape(count, -1))
     ordered = ordered[:, np.isfinite(ordered).all(axis=0)]
     tiles = ordered.shape[1]
-    if tiles < _LEAST_TILES:
+    if tiles < _MIN_TILES:
         raise InputError(
             f"{tiles} areas of {_TILE * CELL_PX} x {_TILE * CELL_PX} px of all good parts have "
             "valid pixels; give good parts that are lit evenly and not saturated"
         )
-    tail = min(max(int(_TAIL_SHARE * tiles), _LEAST_TAIL), tiles - 1)
+    tail = min(max(int(_TAIL_SHARE * tiles), _MIN_TAIL), tiles - 1)
     start = ordered[:, -tail - 1]
     excess = ordered[:, -tail:] - start[:, None]
     mean = excess.mean(axis=1)
@@ -83,11 +83,11 @@ def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
     shapes = 2.0 - mean / np.maximum(mean - 2.0 * weighted, 1e-9 * mean + 1e-300)
     # A scale estimated from k exponential values makes the next one Pareto, of shape 1 / k. Half of
     # it, as the same step is taken again for the common limit.
-    shapes = np.clip(shapes, 0.0, _LONGEST_TAIL) + 0.5 / tail
+    shapes = np.clip(shapes, 0.0, _MAX_TAIL) + 0.5 / tail
     per_tile = -np.expm1(np.log1p(-false_alarm_rate) * parts / tiles)
     ratio = max(tail / tiles / per_tile, 1.0)
     reach = np.expm1(shapes * np.log(ratio)) / shapes
-    return np.asarray(np.maximum(start + mean * (1.0 - shapes) * reach, _LEAST_LIMIT))
+    return np.asarray(np.maximum(start + mean * (1.0 - shapes) * reach, _MIN_LIMIT))
 
 
 def common_limit(maxima: Floats, false_alarm_rate: float) -> float:
@@ -103,15 +103,15 @@ def common_limit(maxima: Floats, false_alarm_rate: float) -> float:
     if len(maxima) * false_alarm_rate < 1.0:
         limit = max(limit, float(highest.max()))
     freedom = len(maxima) - 1
-    measured = float(np.log(np.maximum(highest, _LEAST_LIMIT)).var(ddof=1))
+    measured = float(np.log(np.maximum(highest, _MIN_LIMIT)).var(ddof=1))
     variance = (_PRIOR_FREEDOM * _PRIOR_SPREAD**2 + freedom * measured) / (_PRIOR_FREEDOM + freedom)
     return limit * math.exp(_CONFIDENCE_BOUND * math.sqrt(variance / len(maxima)))
 
 
-LEAST_PARTS = 3
-MOST_PARTS = 100
+MIN_PARTS = 3
+MAX_PARTS = 100
 # Responses to an albedo that is exactly constant on all good parts are 0.
-_LEAST_SCALE = 1e-6
+_MIN_SCALE = 1e-6
 
 _Item = TypeVar("_Item")
 
@@ -174,8 +174,8 @@ def learn_defects(
 
 
 def _require_alike(parts: Sequence[PartFields], angles: Sequence[float]) -> None:
-    if not LEAST_PARTS <= len(parts) <= MOST_PARTS:
-        raise InputError(f"{len(parts)} good parts; give {LEAST_PARTS} to {MOST_PARTS}")
+    if not MIN_PARTS <= len(parts) <= MAX_PARTS:
+        raise InputError(f"{len(parts)} good parts; give {MIN_PARTS} to {MAX_PARTS}")
     if len(angles) != len(parts) or not all(map(math.isfinite, angles)):
         raise InputError(
             f"{len(angles)} orientations for {len(parts)} parts; give one finite angle for each"
@@ -230,7 +230,7 @@ def _departure_model(observations: Sequence[_Observation]) -> DepartureModel:
     negated_deviations = np.concatenate([-part[:, DEVIATION_STATISTICS] for part in statistics])
     return DepartureModel(
         mean_spectrum([part.spectrum for part in observations]).gains(),
-        np.maximum(scales, _LEAST_SCALE).astype(np.float32),
+        np.maximum(scales, _MIN_SCALE).astype(np.float32),
         tuple(
             GoodCells.of([part[:, columns] for part in statistics])
             for columns in STATISTICS.values()

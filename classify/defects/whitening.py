@@ -29,7 +29,7 @@ _SEGMENTS = (128, 64)
 MIN_SIDE_PX = 4 * _SEGMENTS[-1]
 """Shortest side of a good part: two segments at half resolution."""
 # Segments that faded this far carry no information.
-_LEAST_WEIGHT = 0.5
+_MIN_WEIGHT = 0.5
 # Power added to every frequency, as a share of the mean power: errors of focus, scale and
 # orientation move about this share of the power of one frequency to others.
 _FLOOR = 1e-3
@@ -64,7 +64,7 @@ class Spectrum:
         count = 0
         for top, left in _segment_corners(fields.p.shape, segment):
             piece = np.s_[top : top + segment, left : left + segment]
-            if fields.weight[piece].mean() < _LEAST_WEIGHT:
+            if fields.weight[piece].mean() < _MIN_WEIGHT:
                 continue
             p, q, a = (
                 scipy.fft.fft2((plane[piece] - plane[piece].mean()) * window)

@@ -10,14 +10,14 @@ import numpy.typing as npt
 from classify.base.arrays import Floats, Indices
 from classify.classifiers import Comparison
 from classify.texture.blur import MAX_BLURRIER_PX, MAX_SHARPER_PX
-from classify.texture.heading import LEAST_SCORE
+from classify.texture.heading import MIN_SCORE
 from classify.texture.uniformity import Uniformity, uniformity_remarks
 
 # A smaller blur is not mentioned in the reason: sets in equal focus differ by 0.0 to 0.3 px.
-_LEAST_REPORTED_PX = 0.3
+_MIN_REPORTED_PX = 0.3
 # Least margin of a known surface, for classifiers with limits. classify/DECISIONS.md has how often
 # the nearest class is wrong below and above it.
-LEAST_MARGIN = 0.15
+MIN_MARGIN = 0.15
 # An estimate of blur within this of its lower or upper bound counts as at the bound.
 _ROUNDING_PX = 1e-3
 
@@ -113,11 +113,11 @@ def match_of(
             reason += f" exceeds its limit {limit:.2f}"
         elif limit is not None:
             reason += f", limit {limit:.2f}"
-        if abs(blur_px) >= _LEAST_REPORTED_PX:
+        if abs(blur_px) >= _MIN_REPORTED_PX:
             reason += f", {focus}"
         if margin is not None and runner_up is not None and runner_up_distance is not None:
             reason += f"; next is {runner_up} at {runner_up_distance:.2f}"
-            if label is not None and limit is not None and margin < LEAST_MARGIN:
+            if label is not None and limit is not None and margin < MIN_MARGIN:
                 label = None
                 reason += ", too close to decide"
     class_uniformity = uniformity.get(nearest)
@@ -129,7 +129,7 @@ def match_of(
         # Rounded first: -1e-12 is 0, not 180 - 1e-12.
         orientation_deg = round(sum_deg, 6) % 180.0
         heading = 0.0 if comparison.headings is None else float(comparison.headings[winner])
-        if abs(heading) >= LEAST_SCORE:
+        if abs(heading) >= MIN_SCORE:
             heading_deg = round(sum_deg + 180.0 * (heading < 0.0), 6) % 360.0
     if comparison.sharpness is not None:
         sharpness = float(comparison.sharpness[winner])

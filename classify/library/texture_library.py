@@ -23,12 +23,12 @@ from classify.texture.spectra import segment_for
 from classify.texture.uniformity import Uniformity
 
 from . import ps4lib
-from .match import LEAST_MARGIN, Match, match_of, nearest_references
+from .match import MIN_MARGIN, Match, match_of, nearest_references
 from .training import SAME_LIGHT_DEG, TrainingRow, common_lighting, learn_references, observe
 
 # The first comparison extrapolates the statistics of a training set to those of a sharper surface.
 # On 22 materials this adds 0.002 to the distance at 0.5 px, 0.05 at 0.7 px and 0.13 at 0.9 px.
-_LEAST_SHARPER_PX = 0.5
+_MIN_SHARPENING_PX = 0.5
 
 _TrainingSample = tuple[str, SurfaceEstimate] | tuple[str, SurfaceEstimate, float | None]
 
@@ -282,12 +282,12 @@ class TextureLibrary:
 
         `signature` is that of the surface, by `observe`, if it is known.
         A surface that is sharper than its nearest training set is blurred and compared again,
-        unless its margin is below `LEAST_MARGIN`: blur would raise the distance to the runner-up
+        unless its margin is below `MIN_MARGIN`: blur would raise the distance to the runner-up
         alone, and hide the doubt.
         """
         match = self.match(self.observe(surface) if signature is None else signature)
-        decided = match.margin is None or match.margin >= LEAST_MARGIN
-        if match.blur_px is None or match.blur_px > -_LEAST_SHARPER_PX or not decided:
+        decided = match.margin is None or match.margin >= MIN_MARGIN
+        if match.blur_px is None or match.blur_px > -_MIN_SHARPENING_PX or not decided:
             return match
         blurred = blurred_surface(surface, -match.blur_px)
         return self.match(self.observe(blurred), blurred_px=-match.blur_px)

@@ -12,7 +12,7 @@ from classify.classifiers import Classifier, Observation, Parameters, classifier
 from classify.lighting import Lighting
 from classify.methods import DEFAULT_CLASSIFIER, checked_label
 from classify.surface.estimate import SurfaceEstimate
-from classify.texture.heading import LEAST_SCORE
+from classify.texture.heading import MIN_SCORE
 from classify.texture.uniformity import Uniformity, uniformity_of
 
 SAME_LIGHT_DEG = 1.0
@@ -120,7 +120,7 @@ def _aligned(
     if comparison.orientations_deg is None:
         return references, 0.0
     heading = 0.0 if comparison.headings is None else float(comparison.headings[0])
-    if abs(heading) < LEAST_SCORE:
+    if abs(heading) < MIN_SCORE:
         # Its orientation may be off by 180 degrees: it must not give headings.
         references = classifier.without_heading(references)
     return references, float(comparison.orientations_deg[0]) + 180.0 * (heading < 0.0)

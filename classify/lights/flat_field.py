@@ -16,7 +16,7 @@ from classify.lighting import Lighting
 # Coefficients per coordinate in the kernel: degree 6, which LEDs at two fields of view need
 # (tests/classify/calibration/test_flat_field.py).
 TERMS = 7
-_LARGEST_LOGARITHM = 80.0  # exp(88.7) overflows float32
+_MAX_LOGARITHM = 80.0  # exp(88.7) overflows float32
 # Strengths are computed in three rows of each 64th of the longer side, as parabolas between them.
 # The error is up to 3e-6 where light falls off by half, a fraction of a step of 16 bits.
 _INTERVALS = 64
@@ -44,11 +44,11 @@ class FlatField:
         if (
             self.bounds.shape != (lights, 2)
             or (self.bounds[:, 0] > self.bounds[:, 1]).any()
-            or not (np.abs(self.bounds) <= _LARGEST_LOGARITHM).all()
+            or not (np.abs(self.bounds) <= _MAX_LOGARITHM).all()
         ):
             raise InputError(
                 f"flat field with {self.bounds.shape} bounds, or bounds beyond "
-                f"{_LARGEST_LOGARITHM:g} or in the wrong order; give the lowest and the highest "
+                f"{_MAX_LOGARITHM:g} or in the wrong order; give the lowest and the highest "
                 "logarithm of each light"
             )
 

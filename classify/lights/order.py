@@ -30,7 +30,7 @@ _CLEARLY_WORSE = 0.15
 _MIDDLE_PX = 192
 _COARSEST_PX = 48
 _MIN_SAMPLES = 500
-_LEAST_MISFIT = 1e-9  # the logarithm of 0 is avoided
+_MIN_MISFIT = 1e-9  # the logarithm of 0 is avoided
 # A pixel with less than this share of the frame's mean brightness is mostly noise.
 _MAYBE_NOISE = 0.1
 # Largest deviation from 180 degrees of the tilts of two opposite lights.
@@ -173,7 +173,7 @@ def _misfits(values: FloatMap, usable: BoolArray, weights: FloatMap) -> Floats:
     misfits = np.empty((len(weights), 2))
     _misfits_of_orders(shares, means, lit, inner, weights, misfits)
     # A uniform image has neither residual nor curl.
-    return np.log(np.maximum(misfits, _LEAST_MISFIT)).T
+    return np.log(np.maximum(misfits, _MIN_MISFIT)).T
 
 
 @kernel

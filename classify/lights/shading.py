@@ -59,7 +59,7 @@ _EXCHANGED, _EXPLAINED = 1.5, 0.6
 _SUSPECTS = 16
 # An image has detail if its rms contrast is at least this (less is noise of the compression), and
 # its variance at least this many times that of white noise.
-_LEAST_DETAIL, _ABOVE_NOISE = 0.02, 4.0
+_MIN_DETAIL, _ABOVE_NOISE = 0.02, 4.0
 # From the second difference along rows and columns (Immerkaer, 1996) to the noise of a pixel.
 _NOISE_KERNEL = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0)) / 6.0
 
@@ -112,7 +112,7 @@ def explained_detail(shading: _Shading) -> Floats:
         own = np.diag(moments)
         inverse = np.linalg.inv(moments + np.eye(len(own)) * (1e-6 * own.max() + 1e-12))
         shares = 1.0 - 1.0 / np.maximum(own * np.diag(inverse), 1.0)
-        is_detail = own > np.maximum(_LEAST_DETAIL**2, _ABOVE_NOISE * noise)
+        is_detail = own > np.maximum(_MIN_DETAIL**2, _ABOVE_NOISE * noise)
         explained.append(np.where(is_detail, shares, np.nan))
     if not explained:
         return np.ones(0)

@@ -25,7 +25,7 @@ _MIN_SIDE_PX = 128
 # `python -m tests.evidence.wrong_passes`.
 _OVERLAP = (5, 5)
 _TINY = np.float32(1e-12)
-_LEAST_ALBEDO = np.float32(1e-2)
+_MIN_ALBEDO = np.float32(1e-2)
 
 
 def band_moments(surface: SurfaceEstimate) -> FloatMap:
@@ -49,7 +49,7 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
     run_on_rows(
         partial(_halve, fields.p, fields.q, fields.albedo, planes, moments), (h, 2 * planes[0].size)
     )
-    np.log(np.maximum(planes[2], _LEAST_ALBEDO, out=planes[2]), out=planes[2])
+    np.log(np.maximum(planes[2], _MIN_ALBEDO, out=planes[2]), out=planes[2])
     levels: list[Array] = list(planes)
     for octave in range(OCTAVES):
         coarser = [cv2.pyrDown(plane) for plane in levels]
@@ -93,7 +93,7 @@ def _halve(
                 a0, a1, a2, a3 = a0 - am, a1 - am, a2 - am, a3 - am
                 residual[0, c] += p0 * p0 + p1 * p1 + p2 * p2 + p3 * p3
                 residual[0, c] += q0 * q0 + q1 * q1 + q2 * q2 + q3 * q3
-                level = max(am, _LEAST_ALBEDO)
+                level = max(am, _MIN_ALBEDO)
                 residual[1, c] += (a0 * a0 + a1 * a1 + a2 * a2 + a3 * a3) / (level * level)
         for column in range(moments.shape[1]):
             for index in range(2):
@@ -150,7 +150,7 @@ _ALBEDOS = (1, *(7 + PRODUCTS * octave for octave in range(OCTAVES)))
 # Floor of the energies, as a share of their mean in good parts, so that the log energy of a window
 # without texture does not depend on its noise.
 _FLOOR_SHARE = 0.005
-_LEAST_ENERGY = 1e-6
+_MIN_ENERGY = 1e-6
 
 
 def energy_columns() -> list[int]:
@@ -162,7 +162,7 @@ def energy_floors(mean_moments: FloatMap) -> FloatMap:
     """(MOMENTS,) floors that are added to energies, from the mean moments of good parts."""
     floors = np.zeros(MOMENTS, np.float32)
     energies = energy_columns()
-    floors[energies] = _FLOOR_SHARE * mean_moments[energies] + _LEAST_ENERGY
+    floors[energies] = _FLOOR_SHARE * mean_moments[energies] + _MIN_ENERGY
     return floors
 
 
@@ -192,7 +192,7 @@ def window_features(moments: FloatMap, floors: FloatMap, orientation_deg: float)
     """
     flat = np.moveaxis(moments.reshape(-1, MOMENTS) + floors, -1, 0)
     half = np.float32(0.5)
-    features = [half * np.log(np.maximum(flat[k], _LEAST_ENERGY)) for k in (0, 1)]
+    features = [half * np.log(np.maximum(flat[k], _MIN_ENERGY)) for k in (0, 1)]
     turns = [np.exp(-1j * n * np.radians(orientation_deg)).astype(np.complex64) for n in (2, 4)]
     for octave in range(OCTAVES):
         energy, *parts, albedo, _, _ = flat[2 + PRODUCTS * octave :][:PRODUCTS]

@@ -28,7 +28,7 @@ from .piece_model import (
 )
 from .spots import SpotModel, left_out_models, spot_values, subsampled
 
-_LEAST_PARTS = 3
+_MIN_PARTS = 3
 SCALE_STEP = 0.05
 """Change of scale from which the direction of a change of scale is learned."""
 
@@ -41,14 +41,14 @@ _COVERAGES = {"window": 0.999, "spot": 0.99, "seam": 0.9999}
 _OCTAVE_COVERAGE = 0.999
 # A texture has a direction if at 90 degrees this share of its good parts has a window farther from
 # the good ones than any left-out window at 0 degrees.
-_LEAST_DIRECTED = 0.9
+_MIN_DIRECTEDNESS = 0.9
 # Prior of the standard deviation of the logarithm of the highest scores of good parts, and the
 # number of parts that it counts as: it was 0.05 to 0.25 on the textures of that command.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.12, 4
 # Largest number of training spots; folds of the cross-validation.
-_MOST_SPOTS, _FOLDS = 25_000, 5
+_MAX_SPOTS, _FOLDS = 25_000, 5
 # Smallest limit on the departure of the rms of an octave.
-_LEAST_OCTAVE = math.log(1.05)
+_MIN_OCTAVE = math.log(1.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,8 +62,8 @@ class GoodPart:
 
 def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceModel:
     """Learn a `PieceModel`; `scale_direction` is the change of the rings by a scale of e."""
-    if len(parts) < _LEAST_PARTS:
-        raise InputError(f"{len(parts)} good parts; give {_LEAST_PARTS} or more")
+    if len(parts) < _MIN_PARTS:
+        raise InputError(f"{len(parts)} good parts; give {_MIN_PARTS} or more")
     if len({part.moments.shape for part in parts}) > 1:
         raise InputError("the good parts differ in the size of their frames; capture them alike")
     floors = energy_floors(np.mean([part.moments.mean(axis=(0, 1)) for part in parts], axis=0))
@@ -98,10 +98,10 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
         views,
         _spot_model(parts, floors),
         levels.mean(axis=0),
-        np.maximum(factor * levels.std(axis=0, ddof=1), _LEAST_OCTAVE),
+        np.maximum(factor * levels.std(axis=0, ddof=1), _MIN_OCTAVE),
         scale,
         handedness if least > 0.0 else None,
-        bool(has_direction.mean() >= _LEAST_DIRECTED),
+        bool(has_direction.mean() >= _MIN_DIRECTEDNESS),
         float(scales.std(ddof=1)),
     )
 
@@ -110,7 +110,7 @@ def _spot_model(parts: Sequence[GoodPart], floors: FloatMap) -> SpotModel:
     def values(part: GoodPart) -> FloatMap:
         return spot_values(part.moments, floors, part.orientation_deg or 0.0)
 
-    rows = [subsampled(values(part), _MOST_SPOTS // len(parts)) for part in parts]
+    rows = [subsampled(values(part), _MAX_SPOTS // len(parts)) for part in parts]
     folds = min(len(parts), _FOLDS)
     models = left_out_models(rows, folds)
     highest = np.array([

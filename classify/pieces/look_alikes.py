@@ -13,12 +13,12 @@ from classify.surface.estimate import FloatMap
 # Centres for each compared feature, and at most. Half are drawn at random, so that common windows
 # have many, and half by farthest-point sampling (Gonzalez 1985), so that rare ones have one.
 # With 150 instead of 400 windows of 4 features twice as many holes of 80 px passed.
-_CENTRES_PER_FEATURE, _MOST_CENTRES = 100, 1000
+_CENTRES_PER_FEATURE, _MAX_CENTRES = 100, 1000
 # Pairs of look-alikes whose differences give the whitening, and rounds of pairing and whitening.
 _PAIRS, _ROUNDS = 1500, 2
 # Ridge on the variances of the features; more where few windows measure them.
 _RIDGE = 0.05
-_LEAST_VARIANCE = 1e-6
+_MIN_VARIANCE = 1e-6
 # Weight of the mean spread in the spread of one centre, as a number of windows.
 _PRIOR_WINDOWS = 10.0
 _SEED = 1
@@ -94,7 +94,7 @@ class _Pairs:
         counts = np.bincount(nearest, minlength=self.centres)
         prior = _PRIOR_WINDOWS * squares.mean()
         spreads = (sums + prior) / (counts + _PRIOR_WINDOWS)
-        return np.asarray(np.maximum(spreads, _LEAST_VARIANCE), np.float32)
+        return np.asarray(np.maximum(spreads, _MIN_VARIANCE), np.float32)
 
     def scores_of(self, part: int) -> FloatMap:
         """Scores of the windows of a part by the spreads of the others."""
@@ -103,7 +103,7 @@ class _Pairs:
 
 def _whitening(features: FloatMap, parts: Indices, order: Indices) -> FloatMap:
     """(d, d) matrix in whose space windows and their look-alikes of other parts differ by 1."""
-    candidates, pairs = order[:_MOST_CENTRES], order[-_PAIRS:]
+    candidates, pairs = order[:_MAX_CENTRES], order[-_PAIRS:]
     whitening = np.diag(1.0 / (features.std(axis=0) + 1e-3)).astype(np.float32)
     for _ in range(_ROUNDS):
         centres, differences = features[candidates] @ whitening, []
@@ -115,15 +115,15 @@ def _whitening(features: FloatMap, parts: Indices, order: Indices) -> FloatMap:
         rows = np.concatenate(differences)
         covariance = rows.T @ rows / len(rows)
         ridge = max(_RIDGE, len(covariance) / len(rows))
-        covariance += np.diag(ridge * np.diag(covariance) + _LEAST_VARIANCE)
+        covariance += np.diag(ridge * np.diag(covariance) + _MIN_VARIANCE)
         values, vectors = np.linalg.eigh(covariance)
         whitening = (vectors / np.sqrt(values)).astype(np.float32)
     return whitening
 
 
 def _centres(whitened: FloatMap, order: Indices) -> Indices:
-    """Indices of the windows that become centres; see `_MOST_CENTRES`."""
-    count = min(_CENTRES_PER_FEATURE * whitened.shape[1], _MOST_CENTRES)
+    """Indices of the windows that become centres; see `_MAX_CENTRES`."""
+    count = min(_CENTRES_PER_FEATURE * whitened.shape[1], _MAX_CENTRES)
     if len(whitened) <= count:
         return order
     centres = order[: count // 2].tolist()

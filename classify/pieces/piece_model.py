@@ -38,8 +38,8 @@ _Complex = npt.NDArray[np.complex128]
 
 # Shrinkage of the covariance towards its diagonal: at least this, and more for few parts, whose
 # correlations are mostly chance.
-_LEAST_SHRINKAGE = 0.2
-_LEAST_VARIANCE = 1e-10
+_MIN_SHRINKAGE = 0.2
+_MIN_VARIANCE = 1e-10
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +61,8 @@ class _LinearMeasure:
         middle = good.mean(axis=0)
         deviations = good - middle
         covariance = deviations.T @ deviations / (len(good) - 1)
-        variances = np.diag(np.diag(covariance) + _LEAST_VARIANCE)
-        share = _LEAST_SHRINKAGE + (1.0 - _LEAST_SHRINKAGE) / (len(good) - 1)
+        variances = np.diag(np.diag(covariance) + _MIN_VARIANCE)
+        share = _MIN_SHRINKAGE + (1.0 - _MIN_SHRINKAGE) / (len(good) - 1)
         weights = np.linalg.solve((1.0 - share) * covariance + share * variances, direction)
         response = float(direction @ weights)
         if response > 0.0:

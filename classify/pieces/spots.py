@@ -45,10 +45,10 @@ _DISC = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.float32) / np.float32(5)
 _BOX = np.full((3, 3), 1 / 9, np.float32)
 _GAUSSIAN = np.outer(*[np.asarray(cv2.getGaussianKernel(5, 0.6), np.float32)] * 2)
 _PADDING = 4  # cells; more than the largest radius beyond the margin
-_LEAST_ENERGY = np.float32(1e-6)
+_MIN_ENERGY = np.float32(1e-6)
 _RIDGE = 0.01  # ridge of the regression, as a share of the variances; more for few spots
 # Floor of squares before logarithms, as a share of their mean; largest log size of an error.
-_FLOOR_SHARE, _MOST_LOG_SIZE = 0.05, 1.5
+_FLOOR_SHARE, _MAX_LOG_SIZE = 0.05, 1.5
 
 
 def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> FloatMap:
@@ -107,7 +107,7 @@ def _filtered(planes: FloatMap, kernel_: FloatMap) -> FloatMap:
 
 
 def _logs(energies: FloatMap) -> FloatMap:
-    return np.asarray(np.float32(0.5) * np.log(np.maximum(energies, _LEAST_ENERGY)), np.float32)
+    return np.asarray(np.float32(0.5) * np.log(np.maximum(energies, _MIN_ENERGY)), np.float32)
 
 
 def _inside(cells: FloatMap) -> FloatMap:
@@ -212,7 +212,7 @@ class SpotModel:
 
 
 def _bounded(logs: Array) -> Array:
-    return np.clip(logs, -_MOST_LOG_SIZE, _MOST_LOG_SIZE)
+    return np.clip(logs, -_MAX_LOG_SIZE, _MAX_LOG_SIZE)
 
 
 def _to_departures(errors: Floats) -> Floats:

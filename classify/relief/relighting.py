@@ -159,7 +159,7 @@ def relight(surface: SurfaceEstimate, lighting: Lighting) -> FloatMap:
 
 _STEPS_BETWEEN_LIGHTS = 4
 # With less of the surface in shadow, noise causes most errors, whatever the orientation.
-_LEAST_SHADOW = 0.01
+_MIN_SHADOW = 0.01
 
 
 def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
@@ -172,7 +172,7 @@ def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
     # PS3 chooses lights by their tilt: rotated, it would choose others.
     if lighting is None or surface.method not in METHODS or surface.method.startswith("ps3"):
         return
-    if surface.shadow_mask.mean() < _LEAST_SHADOW:
+    if surface.shadow_mask.mean() < _MIN_SHADOW:
         return
     height = integrate_gradients(surface.p, surface.q)
     step_deg = 360.0 / len(lighting) / _STEPS_BETWEEN_LIGHTS

@@ -21,7 +21,7 @@ from .diagnostics import compare_with_prediction, find_darkest, fit_residual, hi
 
 # Pixels from which the limits of highlights are taken: they determine a median to 2 %.
 _SAMPLES = 4096
-_LEAST_ALBEDO = np.float32(1e-9)
+_MIN_ALBEDO = np.float32(1e-9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -156,7 +156,7 @@ class SurfaceEstimate:
         """
         if len(self._stack_and_lights[1]) < 4:
             return None
-        shares = self.residual[self.valid] / np.maximum(self.albedo[self.valid], _LEAST_ALBEDO)
+        shares = self.residual[self.valid] / np.maximum(self.albedo[self.valid], _MIN_ALBEDO)
         return float(np.median(shares)) if shares.size else None
 
     @property

@@ -42,7 +42,7 @@ _TINY = np.float32(1e-30)
 # Gloss makes solved slopes too steep. Where a light was left out there is no residual to correct
 # them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
 _FLATTER = np.float32(0.55)
-_MOST_UNROLLED = 8  # lights; loops over more take long to compile
+_MAX_UNROLLED_LIGHTS = 8  # lights; loops over more take long to compile
 # A lobe must explain residuals by as many standard deviations; one that explains this share of what
 # the best explains is as likely.
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
@@ -131,7 +131,7 @@ def _constants(lighting: Lighting, gains: Floats) -> tuple[Lights, FloatMap, Flo
     spare = 1.0 - np.sum(directions * pinv.T, axis=1)  # share of an error that is in the residuals
     columns = (gains, directions, pinv.T, null, spare, inverse_distances)
     lights: Lights = np.column_stack(columns).astype(np.float32)
-    if count <= _MOST_UNROLLED:
+    if count <= _MAX_UNROLLED_LIGHTS:
         lights = tuple(tuple(light) for light in lights)
     upper, even = np.triu_indices(3), pinv @ gains
     common = np.stack([

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from classify.base.arrays import Array, FloatMap, Floats
 from classify.base.compiling import kernel
 
-LEAST_SCORE = 4.0
+MIN_SCORE = 4.0
 """Least score of a heading, in standard deviations; test_heading.py tests for false ones."""
 
 HEADING_SUMS = 13
@@ -25,7 +25,7 @@ HEADING_FLOATS = 3 * MOMENTS * _MAX_LEVELS
 # Multiple of the surface's rotation by which the angle of each moment changes.
 _SPINS = np.tile([1.0, 1.0, 1.0, 1.0, 1.0, 3.0], _MAX_LEVELS)
 # Mean ratio of squared moments to their variance from which a surface has a heading: noise gives 1.
-_LEAST_SIGNIFICANCE = 2.0
+_MIN_SIGNIFICANCE = 2.0
 
 _Complex = npt.NDArray[np.complex128]
 
@@ -103,7 +103,7 @@ def heading_features(moments: _Complex, typical: Floats) -> FloatMap:
     padded[:levels] = moments[0]
     weights[:levels] = 2.0 / (heading_variances(moments) + typical + 1e-12)
     significance = (np.square(np.abs(padded)) * weights).sum() / max(levels * MOMENTS, 1)
-    if significance < _LEAST_SIGNIFICANCE:
+    if significance < _MIN_SIGNIFICANCE:
         weights[:] = 0.0
     return np.stack([padded.real, padded.imag, weights]).astype(np.float32).ravel()
 

@@ -74,7 +74,7 @@ def roll_angles(polar: npt.NDArray[np.floating], shifts: Floats) -> Floats:
 
 # Agreement below which a texture determines no orientation; its rates on 52 textures are in
 # tests/evidence/orientation_flags.py.
-LEAST_SHARPNESS = 0.45
+MIN_SHARPNESS = 0.45
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ HARMONICS = 16
 _SHIFTS = 180
 _STEP_DEG = 180.0 / _SHIFTS
 # Relative curvature below which rounding decides, so that the parabola has no vertex.
-_LEAST_CURVATURE = 1e-9
+_MIN_CURVATURE = 1e-9
 
 Complex = npt.NDArray[np.complex64]
 
@@ -129,7 +129,7 @@ def least_error(test: Complex, references: Complex) -> _LeastError:
     correlations, zeroth, energies = _correlations(test, references)
     total = energies.sum(axis=1)
     errors = total[:, None] - 2.0 * correlations
-    shifts, least = _refined_minima(errors, _LEAST_CURVATURE * total)
+    shifts, least = _refined_minima(errors, _MIN_CURVATURE * total)
     sharpness = np.clip(_agreed(correlations.max(axis=1), zeroth, energies), 0.0, 1.0)
     # The second modulo: a remainder of -1e-17 is rounded up to 180.
     shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _STEP_DEG

@@ -28,7 +28,7 @@ from .surfaces import MAX_SIDE_PX, PeriodicSurface, rms_slope, spectral_gradient
 
 _DEFAULT_ALBEDO = 0.8  # of a material without an albedo map
 _DEFAULT_RMS_SLOPE = 0.30  # of a height of unknown relief; scanned materials have 0.1 to 0.9
-_STEEPEST_SLOPE = 10.0  # 84 degrees; one step of an 8-bit normal map changes this slope by 8 %
+_MAX_SLOPE = 10.0  # 84 degrees; one step of an 8-bit normal map changes this slope by 8 %
 _MAX_JSON_BYTES = 1 << 20
 _MAP_ENDINGS = ("png", "jpg", "jpeg")
 
@@ -136,7 +136,7 @@ def _slopes(rgb: FloatMap, file: Path) -> tuple[FloatMap, FloatMap]:
         )
     # The lower bound on z keeps the direction of a steep slope; the factor limits its size.
     steepness = np.hypot(x, y) / np.maximum(z, 1e-3)
-    factor = np.minimum(1.0, _STEEPEST_SLOPE / np.maximum(steepness, 1e-9)) / np.maximum(z, 1e-3)
+    factor = np.minimum(1.0, _MAX_SLOPE / np.maximum(steepness, 1e-9)) / np.maximum(z, 1e-3)
     return np.asarray(-x * factor, np.float32), np.asarray(-y * factor, np.float32)
 
 

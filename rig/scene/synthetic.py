@@ -46,7 +46,7 @@ ALBEDO = 0.8  # without a pattern; the synthetic surfaces of the thesis differ i
 # Mean and half-range of a pattern's albedo, within the 0.05 to 1 of real reflectances.
 _PATTERN_ALBEDO, _PATTERN_SWING, _DARKEST = 0.55, 0.3, 0.05
 
-_SMALLEST_TILE_PX, _LARGEST_TILE_PX = 512, 4096
+_MIN_TILE_PX, _MAX_TILE_PX = 512, 4096
 
 
 @dataclass(frozen=True)
@@ -160,7 +160,7 @@ Pits are inverted domes. The other has the amplitudes of cobbles with random pha
 def tile_side_px(size_px: int) -> int:
     """Side of the tile: a power of two, at least twice the frame so that no part shows twice."""
     side_px = 1 << max(2 * size_px - 1, 1).bit_length()
-    return min(max(side_px, _SMALLEST_TILE_PX), _LARGEST_TILE_PX)
+    return min(max(side_px, _MIN_TILE_PX), _MAX_TILE_PX)
 
 
 def synthetic_surface(name: str, seed: int, tile_px: int) -> PeriodicSurface:

@@ -212,7 +212,7 @@ _BUFFERS = 4
 # Pause after an exposure, before the pixels are computed: a controller that switches then needs the
 # processor.
 _SWITCH_S = 0.001
-_SHORTEST_EXPOSURE_MS = 0.02  # of common industrial cameras
+_MIN_EXPOSURE_MS = 0.02  # of common industrial cameras
 
 
 class LitScene(Protocol):
@@ -283,7 +283,7 @@ class SimulatedCamera:
         shutter = self.exposures.shutter
         if isinstance(self.sensor, RecordedPixels):
             return 1e3 * shutter.exposure_s, 1e3 * shutter.exposure_s
-        return _SHORTEST_EXPOSURE_MS, 1e3 * shutter.period_s
+        return _MIN_EXPOSURE_MS, 1e3 * shutter.period_s
 
     def set_exposure(self, exposure_ms: float) -> None:
         """Change the exposure of all frames that have not been read."""

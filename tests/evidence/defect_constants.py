@@ -42,13 +42,13 @@ CONSTANTS = {
         "_STATISTICS_CELLS": (0.75, 3.0),
         "_SMOOTHING_CELLS": (0.5, 2.0),
         "_RIDGE": (0.005, 0.02),
-        "_MOST_CELLS": (5_000, 80_000),
+        "_MAX_CELLS": (5_000, 80_000),
     },
     learning: {
         "_PRIOR_SPREAD": (0.125, 0.5),
         "_TILE": (4, 16),
         "_TAIL_SHARE": (0.1, 0.4),
-        "_LONGEST_TAIL": (0.1, 0.4),
+        "_MAX_TAIL": (0.1, 0.4),
     },
 }
 

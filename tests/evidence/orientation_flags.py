@@ -20,7 +20,7 @@ from capture import CapturedSet
 from capture.session.measures import SpecimenReference
 from capture.sets.captured_set import LoadedSet
 from classify import Lighting, TextureLibrary
-from classify.texture.orientation import LEAST_SHARPNESS
+from classify.texture.orientation import MIN_SHARPNESS
 from rig.scene.material_folder import bundled_materials, load_material
 from rig.scene.render import Lens, render_frame
 from rig.scene.surfaces import PeriodicSurface
@@ -124,7 +124,7 @@ def main(arguments: Sequence[str]) -> int:
             f"{name:24s} sharpness {flags.sharpness:.2f}, flagged: correct {flags.correct:.0%}, "
             f"mistyped {flags.mistyped:.0%}"
         )
-    directional = [flags for flags in found.values() if flags.sharpness >= LEAST_SHARPNESS]
+    directional = [flags for flags in found.values() if flags.sharpness >= MIN_SHARPNESS]
     print(f"{sets} sets of {side_px} px of each texture")
     are_met = [
         at_least("mistyped flagged", float(np.mean([each.mistyped for each in directional])), 0.95),

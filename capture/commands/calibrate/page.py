@@ -253,7 +253,7 @@ _MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
 # An ellipse of two standard errors holds a position with 86 %.
 _STANDARD_ERRORS = 2.0
 # More dots than this cannot be told apart, and make the page large.
-_MOST_DOTS = 2000
+_MAX_DOTS = 2000
 _LED, _ERROR, _GREY = "#d6a400", "#b2182b", "#cccccc"
 
 
@@ -333,7 +333,7 @@ def hot_pixel_map(dark: Dark, frame: Floats) -> Figure:
     """Draw the places of hot pixels in the frame (width, height in px)."""
     figure, axes = chart_axes(_SIDE_IN, _SIDE_IN)
     axes.set_aspect("equal")
-    rows, columns = dark.hot_pixels[:_MOST_DOTS].T
+    rows, columns = dark.hot_pixels[:_MAX_DOTS].T
     axes.scatter(columns, rows, s=6, color=_ERROR)
     axes.set_xlim(-0.5, frame[0] - 0.5)
     axes.set_ylim(frame[1] - 0.5, -0.5)

@@ -7,7 +7,7 @@ from capture.station.domain.config import SimulatedParts
 from rig import Defect, Placement
 
 # Surfaces are periodic, with periods below this: every patch is equally likely.
-_LARGEST_SHIFT_PX = 4096.0
+_MAX_SHIFT_PX = 4096.0
 # Size of a defect as a share of the frame: from barely visible to obvious.
 _SIZE_SHARES = (0.08, 0.3)
 # Depth of a defect as a share of its size: up to a slope of about 1 at its flanks.
@@ -37,7 +37,7 @@ def simulated_part(parts: SimulatedParts, number: int, frame_px: int) -> Simulat
     draw = random.Random(f"{parts.seed} {number}")
     is_other = draw.random() < parts.share_other
     surface = draw.choice(parts.others if is_other else parts.surfaces)
-    shift_px = _symmetric(draw, _LARGEST_SHIFT_PX), _symmetric(draw, _LARGEST_SHIFT_PX)
+    shift_px = _symmetric(draw, _MAX_SHIFT_PX), _symmetric(draw, _MAX_SHIFT_PX)
     defects: tuple[Defect, ...] = ()
     if not is_other and draw.random() < parts.share_defective:
         defects = (_defect(draw, parts, surface, shift_px, frame_px),)

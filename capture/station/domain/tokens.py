@@ -15,7 +15,7 @@ from .private_file import PrivateFile
 from .roles import Role, require_name
 
 _FILE = "tokens.json"
-_MOST_CLIENTS = 1000
+_MAX_CLIENTS = 1000
 _PREFIX = "ps4_"  # tools that look for secrets in repositories find it
 _SECRET_BYTES = 32
 
@@ -31,7 +31,7 @@ class Client(Section):
 
 
 class _File(Section):
-    clients: tuple[Client, ...] = Field(default=(), max_length=_MOST_CLIENTS, strict=False)
+    clients: tuple[Client, ...] = Field(default=(), max_length=_MAX_CLIENTS, strict=False)
 
 
 class Tokens:
@@ -61,8 +61,8 @@ class Tokens:
         with self._file.changing():
             clients = self.all()
             require_new_client(name, clients)
-            if len(clients) >= _MOST_CLIENTS:
-                raise Conflict(f"client {name}: there are {_MOST_CLIENTS} clients already")
+            if len(clients) >= _MAX_CLIENTS:
+                raise Conflict(f"client {name}: there are {_MAX_CLIENTS} clients already")
             self._file.write(_File(clients=(*clients, client)))
         return token
 

@@ -19,9 +19,9 @@ from .private_file import PrivateFile
 from .roles import Role, require_name
 
 _FILE = "users.json"
-_MOST_USERS = 1000
+_MAX_USERS = 1000
 # NIST SP 800-63B, 5.1.1: at least 8 characters, and a limit of 64 or more; no other rules.
-SHORTEST_PASSWORD, LONGEST_PASSWORD = 8, 256
+MIN_PASSWORD_LENGTH, MAX_PASSWORD_LENGTH = 8, 256
 # The user of the line's screens, whose password is a PIN. Five tries a minute find one of 6 digits
 # in 70 days on average.
 KIOSK = "kiosk"
@@ -39,7 +39,7 @@ class User(Section):
 
 
 class _File(Section):
-    users: tuple[User, ...] = Field(default=(), max_length=_MOST_USERS, strict=False)
+    users: tuple[User, ...] = Field(default=(), max_length=_MAX_USERS, strict=False)
 
     @field_validator("users")
     @classmethod
@@ -77,8 +77,8 @@ class Users:
             before, others = self._apart(name)
             if seen is not None and before != seen:
                 raise Conflict(f"user {name}: was changed meanwhile; log in again")
-            if len(others) >= _MOST_USERS:
-                raise Conflict(f"user {name}: there are {_MOST_USERS} users already")
+            if len(others) >= _MAX_USERS:
+                raise Conflict(f"user {name}: there are {_MAX_USERS} users already")
             _require_administrator((*others, user), before)
             self._file.write(_File(users=(*others, user)))
         return before
@@ -96,7 +96,7 @@ class Users:
     def verified(self, name: str, password: str) -> User | None:
         """Return the user with this name and password, or None; both take the same time."""
         user, normal = self.get(name), unicodedata.normalize("NFKC", password)
-        if len(normal) > LONGEST_PASSWORD or not _is_encodable(normal):
+        if len(normal) > MAX_PASSWORD_LENGTH or not _is_encodable(normal):
             return None
         self._nobody = self._nobody or self._hash(secrets.token_hex())
         try:
@@ -132,9 +132,9 @@ def require_account(name: str, password: str) -> str:
     if name == KIOSK and not _PIN.fullmatch(password):
         raise InputError("a PIN has 6 to 12 digits")
     normal = unicodedata.normalize("NFKC", password)
-    if name != KIOSK and not SHORTEST_PASSWORD <= len(normal) <= LONGEST_PASSWORD:
+    if name != KIOSK and not MIN_PASSWORD_LENGTH <= len(normal) <= MAX_PASSWORD_LENGTH:
         raise InputError(
-            f"a password has {SHORTEST_PASSWORD} to {LONGEST_PASSWORD} characters, "
+            f"a password has {MIN_PASSWORD_LENGTH} to {MAX_PASSWORD_LENGTH} characters, "
             f"this one has {len(normal)}"
         )
     if not _is_encodable(normal):

@@ -18,7 +18,7 @@ from capture.station.judge.inspector import Inspector
 from classify.base.errors import InputError
 from classify.base.models import Record
 
-from .challenge_set import MOST_SETS, Expected, read_challenge
+from .challenge_set import MAX_SETS, Expected, read_challenge
 
 # 10,000 parts of 600 bytes.
 _MAX_BYTES = 1 << 23
@@ -184,7 +184,7 @@ def _sha256(path: Path) -> str | None:
 
 
 # Without a cache, a page with the state of a recipe would read 10 MB for each set of 1024 px.
-@lru_cache(MOST_SETS)
+@lru_cache(MAX_SETS)
 def _known_sha256(path: Path, *stat: int) -> str:  # noqa: ARG001 - the key under which it is known
     return file_sha256(path)
 

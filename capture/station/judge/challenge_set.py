@@ -23,7 +23,7 @@ Expected = Literal["reject", "PASS", "FAIL", "UNKNOWN"]
 EXPECTED: tuple[Expected, ...] = get_args(Expected)
 _RecordChange = Callable[[str, Expected | None, Expected | None], None]
 """Called with a file and its old and new verdict, before anything is written."""
-MOST_SETS = 10_000
+MAX_SETS = 10_000
 
 _HEAD = """\
 # Captured sets in this folder, and the verdict that each must get before a changed recipe runs;
@@ -37,7 +37,7 @@ _HEAD = """\
 class ChallengeSet(Section):
     """The files of a challenge and the verdict that each must get."""
 
-    sets: Annotated[Mapping[Name, Expected], Field(max_length=MOST_SETS)]
+    sets: Annotated[Mapping[Name, Expected], Field(max_length=MAX_SETS)]
 
 
 def read_challenge(folder: Path) -> ChallengeSet:

@@ -50,9 +50,9 @@ _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
 _LIMITED = tuple(measure.name for measure in fields(LimitedMeasures))
 # Number of defects that a result lists; a part of another texture may have hundreds.
-_MOST_DEFECTS = 50
+_MAX_DEFECTS = 50
 # Number of regions of windows of a kind; there are few, because windows overlap.
-_MOST_WINDOWS = 10
+_MAX_WINDOWS = 10
 # test_weak_led.py: a share of 2 % is measured as 2.0 %, and 0 without any.
 _WARN_WHILE_OFF = 0.02
 COLLECTS = "this run collects parts for teaching and judges none"
@@ -252,7 +252,7 @@ class Inspector:
         scaled = {name: getattr(defect_map, name) / unit for name in (*KINDS, "score")}
         left, top = self._corner
         records = []
-        for region in regions_of(replace(defect_map, **scaled))[:_MOST_DEFECTS]:
+        for region in regions_of(replace(defect_map, **scaled))[:_MAX_DEFECTS]:
             x, y, width, height = region.box
             records.append(
                 DefectRecord(
@@ -271,7 +271,7 @@ class Inspector:
             scores = scores / np.float32(1.0 if limit is None else limit)
             above = (scores > 1.0).astype(np.uint8)
             count, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
-            for label in range(1, min(count, _MOST_WINDOWS + 1)):
+            for label in range(1, min(count, _MAX_WINDOWS + 1)):
                 x, y, width, height, cells = (int(value) for value in boxes[label])
                 yield DefectRecord(
                     kind,

@@ -9,14 +9,14 @@ from capture.station.domain.limits import MEASURES_OF, ROWS, LimitedMeasures, Li
 from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from classify import Match
-from classify.library.match import LEAST_MARGIN
-from classify.texture.orientation import LEAST_SHARPNESS
+from classify.library.match import MIN_MARGIN
+from classify.texture.orientation import MIN_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE
 
 STOP_LED_LEVEL = 0.85
 """Least level of an LED, as a share of the taught one, against the brightest LED."""
 
-_MOST_WHILE_OFF = 0.15
+_MAX_LIGHT_WHILE_OFF = 0.15
 """Largest share of an LED's light with all LEDs off: as much as a weak LED may lack."""
 
 
@@ -68,9 +68,9 @@ def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
             text = f"{name} at {level:.0%} of its taught level, least {STOP_LED_LEVEL:.0%}"
             yield Finding(Cause.RIG, text)
     for name, share in measures.lit_while_off:
-        if not share <= _MOST_WHILE_OFF:
+        if not share <= _MAX_LIGHT_WHILE_OFF:
             text = f"{name} gives {share:.0%} of its light with all LEDs off, at most "
-            yield Finding(Cause.RIG, f"{text}{_MOST_WHILE_OFF:.0%}")
+            yield Finding(Cause.RIG, f"{text}{_MAX_LIGHT_WHILE_OFF:.0%}")
     if not measures.led_levels:
         yield Finding(Cause.UNFORESEEN, "the levels of the LEDs were not measured")
 
@@ -107,7 +107,7 @@ def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
     else:
         yield from _at_most(name, match.distance, min(bounds), Cause.NO_TEXTURE, ".2f")
     if match.runner_up is not None:
-        least = max(LEAST_MARGIN, limits.margin or 0.0)
+        least = max(MIN_MARGIN, limits.margin or 0.0)
         name = f"margin to {match.runner_up}"
         yield from _at_least(name, match.margin, least, Cause.UNDECIDED)
     yield from _beyond_limit("blur_px", limits, match)
@@ -122,7 +122,7 @@ def _misoriented(rule: Orientation, match: Match) -> Iterator[Finding]:
         yield Finding(Cause.UNDECIDED, f"the orientation of {match.label} is not clear")
         return
     name = f"sharpness of the orientation of {match.label}"
-    yield from _at_least(name, match.sharpness, LEAST_SHARPNESS, Cause.UNDECIDED)
+    yield from _at_least(name, match.sharpness, MIN_SHARPNESS, Cause.UNDECIDED)
     half_deg = 0.5 * period_deg
     off_deg = (found_deg - rule.reference_deg + half_deg) % period_deg - half_deg
     name = f"degrees off {rule.reference_deg:g}"

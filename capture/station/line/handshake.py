@@ -42,7 +42,7 @@ from .registers import (
 SOURCE = "modbus"
 ASKER = Asker("PLC", SOURCE)
 # With more unacknowledged results than this, the PLC does not run its program.
-MOST_WAITING = 16
+MAX_WAITING = 16
 MAX_SESSION = (1 << 32) - 1
 _ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK | Command.SELECT_RECIPE
 _NUMBERS = 1 << 32  # a register holds the number of a part modulo this
@@ -310,8 +310,8 @@ class Handshake:
         required = self.commands["recipe"]
         if required not in (0, self._position()):
             return Refusal.RECIPE, f"recipe {required} is not the loaded one"
-        if len(self._waiting) + (self._shown is not None) >= MOST_WAITING:
-            reason = f"{MOST_WAITING} results wait for an acknowledgement"
+        if len(self._waiting) + (self._shown is not None) >= MAX_WAITING:
+            reason = f"{MAX_WAITING} results wait for an acknowledgement"
             return Refusal.RESULTS_WAITING, reason
         return None
 
@@ -331,7 +331,7 @@ class Handshake:
         if self._is_trigger and result.trigger != SOURCE:
             return
         self._waiting.append(result)
-        if not self._is_trigger and len(self._waiting) > MOST_WAITING:
+        if not self._is_trigger and len(self._waiting) > MAX_WAITING:
             self._waiting.popleft()
             self._overruns += 1
         self._show_next()

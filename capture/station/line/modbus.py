@@ -38,11 +38,11 @@ MAX_CONNECTIONS = 16
 # A PLC polls several times a second; one that was silent for so long leaves if another one comes.
 IDLE_S = 10.0
 # A hundred answers: a client with more unread answers does not read.
-_MOST_UNREAD_BYTES = 16 * 1024
+_MAX_UNREAD_BYTES = 16 * 1024
 # A client that acknowledges nothing for this long does not read, or is gone. The bound above does
 # not detect this: Linux can drop what arrives at a full client, with the acknowledgements of the
 # client's own requests, so that neither side sends anything more.
-_MOST_UNACKNOWLEDGED_MS = 10_000
+_MAX_UNACKNOWLEDGED_MS = 10_000
 _START_S = 60.0
 # Not logged: errors in the requests of a client would fill the terminal.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
@@ -166,7 +166,7 @@ class _Server(ModbusTcpServer):
             for transport in transports:
                 if (
                     isinstance(transport, asyncio.WriteTransport)
-                    and transport.get_write_buffer_size() > _MOST_UNREAD_BYTES
+                    and transport.get_write_buffer_size() > _MAX_UNREAD_BYTES
                 ):
                     _reset(transport)
             self._line.tick(len(transports), where)
@@ -193,8 +193,8 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
         settings.host,
         settings.port,
         advice="give another host or port in station.toml",
-        most_unacknowledged_ms=_MOST_UNACKNOWLEDGED_MS,
-        send_buffer_bytes=_MOST_UNREAD_BYTES,
+        most_unacknowledged_ms=_MAX_UNACKNOWLEDGED_MS,
+        send_buffer_bytes=_MAX_UNREAD_BYTES,
     )
     where = f"{settings.host}:{listener.getsockname()[1]}"
     loop = asyncio.new_event_loop()

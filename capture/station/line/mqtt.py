@@ -22,7 +22,7 @@ from capture.station.run.events import (
 from capture.station.run.live_view import LiveEvent
 
 # A result and two states for each part: five minutes of a line with a part a second; 2 kB each.
-MOST_WAITING = 1000
+MAX_WAITING = 1000
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 # At the end of a run, how long the last results wait for the broker.
 _LAST_S = 2.0
@@ -33,7 +33,7 @@ _RECONNECT_S = 1, 30
 class MqttPublisher:
     """Publishes what a station announces, from a thread of its own; `tell` never waits.
 
-    Messages go out in order, each until the broker has confirmed it; beyond `MOST_WAITING` the
+    Messages go out in order, each until the broker has confirmed it; beyond `MAX_WAITING` the
     oldest are dropped.
     """
 
@@ -102,7 +102,7 @@ class MqttPublisher:
         topic = f"{self._topic}/{name}"
         self._last[topic] = text
         self._waiting.append((topic, text))
-        if len(self._waiting) > MOST_WAITING:
+        if len(self._waiting) > MAX_WAITING:
             self._waiting.popleft()
             self._dropped += 1
         self._changed.notify_all()

@@ -7,7 +7,7 @@ from pydantic import Field, conlist
 from starlette.responses import RedirectResponse, Response
 
 from capture.station.domain.roles import Role
-from capture.station.domain.users import LONGEST_PASSWORD, SHORTEST_PASSWORD
+from capture.station.domain.users import MAX_PASSWORD_LENGTH, MIN_PASSWORD_LENGTH
 from capture.station.results.accounts import Accounts
 from capture.station.results.audit import newest_changes
 from classify.base.errors import InputError
@@ -39,7 +39,7 @@ class AccountFields(Record):
 class UserFields(AccountFields):
     """A user to add or change."""
 
-    password: Annotated[str, Field(min_length=SHORTEST_PASSWORD, max_length=LONGEST_PASSWORD)]
+    password: Annotated[str, Field(min_length=MIN_PASSWORD_LENGTH, max_length=MAX_PASSWORD_LENGTH)]
 
 
 def _accounts_of(call: Call) -> Accounts:

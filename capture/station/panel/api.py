@@ -46,11 +46,11 @@ from .panel import Panel
 from .part_pictures.judged_by import stored_set
 from .render import JsonAnswer
 from .security import Denied
-from .triggering import LONGEST_KEY
+from .triggering import MAX_KEY_LENGTH
 
-_MOST_ROWS = 500
+_MAX_ROWS = 500
 PARTS = 50
-_LONGEST_WAIT_S = 30.0
+_MAX_WAIT_S = 30.0
 router = APIRouter(prefix=V1)
 Below = Annotated[
     int | None,
@@ -88,11 +88,11 @@ _PART_ID = {
     "description": "identity of the part; without it the station makes one",
     "pattern": f"^({NAME_PATTERN[1:-1]})?$",
 }
-_Limit = Annotated[int, Query(ge=1, le=_MOST_ROWS)]
+_Limit = Annotated[int, Query(ge=1, le=_MAX_ROWS)]
 
 
 class _PartsQuery(Filters):
-    limit: int = Field(PARTS, ge=1, le=_MOST_ROWS, description="number of parts")
+    limit: int = Field(PARTS, ge=1, le=_MAX_ROWS, description="number of parts")
     below: Below = None
 
 
@@ -159,7 +159,7 @@ async def _trigger(
         Header(
             description="a repeated request with it triggers no second part",
             min_length=1,
-            max_length=LONGEST_KEY,
+            max_length=MAX_KEY_LENGTH,
         ),
     ] = None,
 ) -> Response:
@@ -290,7 +290,7 @@ async def _part(
     call: ByOperator,
     part_id: str,
     wait_s: Annotated[
-        FiniteFloat, Query(ge=0.0, le=_LONGEST_WAIT_S, description="seconds to wait for its result")
+        FiniteFloat, Query(ge=0.0, le=_MAX_WAIT_S, description="seconds to wait for its result")
     ] = 0.0,
 ) -> Response:
     """One part, as soon as it has a result."""

@@ -17,7 +17,7 @@ from classify.base.errors import Ps4rigError
 _log = logging.getLogger(__name__)
 # Teaching takes a second of processor time for each part of 1024 x 1024 px: 300 parts, if a busy
 # line leaves a job a tenth of a processor.
-_MOST_S = 3600.0
+_MAX_JOB_S = 3600.0
 
 _T = TypeVar("_T")
 Work = Callable[[ShowProgress], dict[str, Any]]
@@ -49,7 +49,7 @@ class Job:
 class BackgroundJobs:
     """Runs one job at a time, for at most `most_s`, and remembers the last one."""
 
-    def __init__(self, most_s: float = _MOST_S) -> None:
+    def __init__(self, most_s: float = _MAX_JOB_S) -> None:
         self._most_s = most_s
         self._lock = threading.Lock()
         self._job: Job | None = None

@@ -23,8 +23,8 @@ KEEP_ALIVE_S = 15.0
 _RETRY_MS = 1000
 router = APIRouter(prefix=V1)
 _MEDIA_TYPE = "text/event-stream"
-# Some streams stay free for other accounts and clients than one.
-MOST_OF_ONE = 32
+# So that one account or client leaves streams for the others; `MAX_STREAMS` limits all together.
+MAX_STREAMS_OF_ONE_CLIENT = 32
 # Pause before a stream ends the oldest one: clients that reconnect at once end each other's streams
 # without pause.
 TAKEN_OVER_S = 2.0
@@ -34,10 +34,10 @@ TAKEN_OVER_S = 2.0
 def subscribed(
     live: LiveView, own_streams: list[Subscription] | None = None
 ) -> Iterator[tuple[Subscription, asyncio.Event]]:
-    """Yield a subscription, and the event set when it has something.
+    """Yield a subscription, and an `asyncio.Event` that is set when an event waits in it.
 
-    `own_streams` are those of one account or client, oldest first; beyond `MOST_OF_ONE` the oldest
-    ends.
+    `own_streams` are those of one account or client, oldest first. The oldest ends when there are
+    more than `MAX_STREAMS_OF_ONE_CLIENT`.
     """
     changed, loop = asyncio.Event(), asyncio.get_running_loop()
 
@@ -48,7 +48,7 @@ def subscribed(
     subscription = live.subscribe(wake)
     own_streams = [] if own_streams is None else own_streams
     own_streams.append(subscription)
-    if len(own_streams) > MOST_OF_ONE:
+    if len(own_streams) > MAX_STREAMS_OF_ONE_CLIENT:
         own_streams.pop(0).close()
     try:
         yield subscription, changed
@@ -97,7 +97,7 @@ async def _messages(
     may_go_on: Callable[[], Awaitable[bool]],
     own_streams: list[Subscription],
 ) -> AsyncIterator[str]:
-    if len(own_streams) >= MOST_OF_ONE:
+    if len(own_streams) >= MAX_STREAMS_OF_ONE_CLIENT:
         await asyncio.sleep(TAKEN_OVER_S)
     # Subscribe when the stream begins: one that never begins would keep its subscription.
     with subscribed(live, own_streams) as (subscription, changed):

@@ -17,7 +17,7 @@ from .statistics import statistics_of
 
 router = APIRouter(include_in_schema=False)
 # Number of last remarks below a figure; its CSV has all.
-_MOST_REMARKS = 10
+_MAX_REMARKS = 10
 
 
 @router.get("/")
@@ -66,5 +66,5 @@ def _statistics(call: ByOperator, _: Turn) -> Response:
         statistics=statistics,
         message=message,
         decisions=Decision,
-        most_remarks=_MOST_REMARKS,
+        most_remarks=_MAX_REMARKS,
     )

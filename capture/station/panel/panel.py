@@ -20,9 +20,9 @@ from .triggering import KeyedTriggers
 
 # Exports and statistics: of a million parts each takes seconds, in one of the 40 threads that
 # serve requests.
-MOST_RECKONING = 3
+MAX_RECKONING = 3
 # The server takes 256 connections: some stay free for other requests.
-MOST_STREAMS = 128
+MAX_STREAMS = 128
 
 
 class Panel:
@@ -42,7 +42,7 @@ class Panel:
         self.jobs, self.logins = BackgroundJobs(), LoginLimit()
         # The event streams of each account and client, the oldest first.
         self.streams: defaultdict[tuple[str, str], list[Subscription]] = defaultdict(list)
-        self.reckoning = Slots(MOST_RECKONING, "exports or statistics")
-        self.event_streams = Slots(MOST_STREAMS, "event streams are open")
+        self.reckoning = Slots(MAX_RECKONING, "exports or statistics")
+        self.event_streams = Slots(MAX_STREAMS, "event streams are open")
         # Held by an override or acknowledgement, so that a second click finds the first done.
         self.changing = threading.Lock()

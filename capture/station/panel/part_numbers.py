@@ -7,7 +7,7 @@ from capture.station.domain.limits import ROWS, Limits, beyond
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Cause, told_apart
 from capture.station.results.part_result import PartResult
-from classify.library.match import LEAST_MARGIN
+from classify.library.match import MIN_MARGIN
 
 _NOT_MEASURED = "not measured"
 
@@ -33,7 +33,7 @@ def _numbers(result: PartResult, recipe: Recipe | None) -> Iterator[MeasuredNumb
     distances = [limit for limit in (result.limit, limits.distance) if limit is not None]
     to = f"distance to {result.nearest or 'the nearest texture'}"
     yield _number(to, result.distance, [("at most", min(distances))] if distances else [])
-    least = [] if recipe is None else [("at least", max(LEAST_MARGIN, limits.margin or 0.0))]
+    least = [] if recipe is None else [("at least", max(MIN_MARGIN, limits.margin or 0.0))]
     yield _number("margin to the next texture", result.margin, least)
     yield _orientation(result, recipe)
     for key, row in ROWS.items():

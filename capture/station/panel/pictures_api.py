@@ -27,8 +27,8 @@ from .security import Denied
 
 # Browsers keep pictures, and ask each time whether they may still show them.
 _KEPT = "private, no-cache"
-# A part takes a tenth of a second, and up to `MOST_WAITING` wait before it.
-LONGEST_WAIT_S = 30.0
+# A part takes a tenth of a second, and up to `MAX_WAITING` wait before it.
+MAX_WAIT_S = 30.0
 _Size = Annotated[
     Literal["small", "large"],
     Query(description="; ".join(f"{name}: at most {px} px" for name, px in SIZES.items())),
@@ -140,7 +140,7 @@ async def _made(call: Call, entry: HistoryEntry, size: str) -> PartPictures:
     made.add_done_callback(lambda made: made.cancelled() or made.exception())
     # Shielded, because others may wait for the same pictures.
     try:
-        return await asyncio.wait_for(asyncio.shield(made), LONGEST_WAIT_S)
+        return await asyncio.wait_for(asyncio.shield(made), MAX_WAIT_S)
     except TimeoutError:
         raise Denied(503, f"{part}: its pictures are being made", {"Retry-After": "2"}) from None
     except InputError as error:

@@ -17,7 +17,7 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.interface_config import PanelConfig
 
 # Pause before another start: short after a panel that has served for long.
-_FIRST_PAUSE_S, _LONGEST_PAUSE_S, _LONG_S = 0.1, 10.0, 5.0
+_FIRST_PAUSE_S, _MAX_PAUSE_S, _LONG_S = 0.1, 10.0, 5.0
 # For its last answers; then it is killed.
 _END_S = 8.0
 
@@ -59,7 +59,7 @@ def panel_process(
             if time.monotonic() - began_s > _LONG_S:
                 pause_s = _FIRST_PAUSE_S
             is_over.wait(pause_s)
-            pause_s = min(2.0 * pause_s, _LONGEST_PAUSE_S)
+            pause_s = min(2.0 * pause_s, _MAX_PAUSE_S)
 
     thread = threading.Thread(target=keep_serving, name="panel process", daemon=True)
     thread.start()

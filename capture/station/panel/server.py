@@ -20,7 +20,7 @@ from .panel import Panel
 # A page opens up to six connections; forty browsers may look at once.
 MAX_CONNECTIONS = 256
 # Four addresses can take all. A proxy has one address, and a limit of its own.
-MOST_OF_AN_ADDRESS = 64
+MAX_CONNECTIONS_OF_AN_ADDRESS = 64
 # A refused connection is held for so long, and up to so many of them: a client that tries again at
 # once would keep a processor busy.
 REFUSED_S, _MOST_REFUSED = 2.0, 512
@@ -62,7 +62,10 @@ class _Protocol(H11Protocol):
             return False
         host = self.client[0]
         peers = [peer.client for peer in self.connections if isinstance(peer, _Protocol)]
-        return sum(peer is not None and peer[0] == host for peer in peers) > MOST_OF_AN_ADDRESS
+        return (
+            sum(peer is not None and peer[0] == host for peer in peers)
+            > MAX_CONNECTIONS_OF_AN_ADDRESS
+        )
 
     def connection_lost(self, exc: Exception | None) -> None:
         for timer in (self._request, self._drain):

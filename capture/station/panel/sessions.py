@@ -23,25 +23,25 @@ from classify.base.models import Section
 from .security import Denied, Slots
 
 # A session ends with the shift, and after a break without a request.
-LONGEST_S = 12 * 3600.0
+MAX_SESSION_S = 12 * 3600.0
 IDLE_S = 3600.0
 # A hundred browsers with ten sessions each; beyond it, the least recently used session ends.
-MOST_SESSIONS = 1000
+MAX_SESSIONS = 1000
 # Ended sessions that are stored; so many take half of the size limit of a private file.
-_MOST_ENDED = 10_000
+_MAX_ENDED_SESSIONS = 10_000
 # OWASP's advice for logins: few failures in a row, then a pause. A name and an address are counted
 # apart, so that neither one password for many names nor many passwords for one name can be tried.
 FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS = 5, 20
 _PAUSE_S = 60.0
 # Logins at a time. Their passwords are hashed one after the other, and each login occupies one of
 # the 40 threads that serve requests.
-MOST_TRYING = 4
-_MOST_KEYS = 10_000  # with a count or a lock; bounds the memory
+MAX_LOGINS_AT_ONCE = 4
+_MAX_KEYS = 10_000  # with a count or a lock; bounds the memory
 # Names are counted by their first letters, because long names of requests could take 1 GB. The
 # names of users have up to 100 letters, so a longer name is never counted as one of them.
 _COUNTED_LETTERS = 101
 # Failed logins that get a row in the log of changes: at most so many in this time.
-_MOST_RECORDED, _RECORDED_S = 100, 3600.0
+_MAX_RECORDED, _RECORDED_S = 100, 3600.0
 _Key = tuple[str, str, str]  # ``name``, ``address`` or ``both``; the name, the address
 _T = TypeVar("_T")
 
@@ -86,7 +86,7 @@ class Sessions:
             user is None
             or password != _signature(file.key, "password", user.password)
             or session in file.ended
-            or abs(now_s - begun_s) > LONGEST_S
+            or abs(now_s - begun_s) > MAX_SESSION_S
         ):
             return None
         with self._lock:
@@ -109,9 +109,9 @@ class Sessions:
             ended = {
                 ended_session: start_s
                 for ended_session, start_s in (*file.ended.items(), (session, begun_s))
-                if now_s - start_s <= LONGEST_S
+                if now_s - start_s <= MAX_SESSION_S
             }
-            newest = dict(list(ended.items())[-_MOST_ENDED:])
+            newest = dict(list(ended.items())[-_MAX_ENDED_SESSIONS:])
             self._file.write(_File(key=file.key, ended=newest))
 
     def _content(self, cookie: str) -> tuple[str, str, str, float] | None:
@@ -125,7 +125,7 @@ class Sessions:
     def _mark_used(self, session: str, now_s: float) -> None:
         self._used_s.pop(session, None)
         self._used_s[session] = now_s
-        while len(self._used_s) > MOST_SESSIONS:
+        while len(self._used_s) > MAX_SESSIONS:
             del self._used_s[next(iter(self._used_s))]
 
 
@@ -152,9 +152,9 @@ class LoginLimit:
         # Not in `_failures`: counts of other names must not push a lock out of memory.
         self._locked_until_s: dict[_Key, float] = {}
         self._logged_in: dict[_Key, None] = {}
-        self._recorded_s: deque[float] = deque(maxlen=_MOST_RECORDED)
+        self._recorded_s: deque[float] = deque(maxlen=_MAX_RECORDED)
         self._unrecorded = 0
-        self._trying = Slots(MOST_TRYING, "logins wait for their passwords")
+        self._trying = Slots(MAX_LOGINS_AT_ONCE, "logins wait for their passwords")
 
     @contextmanager
     def attempt(self, name: str, address: str) -> Iterator[None]:
@@ -207,7 +207,7 @@ class LoginLimit:
         """Return and reset the number of failures without a row; None: this one gets no row too."""
         now_s = self._now_s()
         with self._lock:
-            is_full = len(self._recorded_s) == _MOST_RECORDED
+            is_full = len(self._recorded_s) == _MAX_RECORDED
             if is_full and now_s - self._recorded_s[0] < _RECORDED_S:
                 self._unrecorded += 1
                 return None
@@ -228,7 +228,7 @@ class LoginLimit:
 
 
 def _keep(values: dict[_Key, _T], key: _Key, value: _T) -> None:
-    """Add a value as the newest one, and forget the oldest beyond `_MOST_KEYS`."""
+    """Add a value as the newest one, and forget the oldest beyond `_MAX_KEYS`."""
     values[key] = value
-    while len(values) > _MOST_KEYS:
+    while len(values) > _MAX_KEYS:
         del values[next(iter(values))]

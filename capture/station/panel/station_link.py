@@ -32,7 +32,7 @@ _WITHDRAWN_S = 0.05
 # For the last events of a run that ends.
 _LAST_S = 1.0
 # A snapshot has the results of 13 parts, each with its defects.
-_MOST_LINE_BYTES = 1 << 24
+_MAX_LINE_BYTES = 1 << 24
 _log = logging.getLogger(__name__)
 
 
@@ -149,7 +149,7 @@ class StationLink(LiveView):
     def _follow(self, connection: socket.socket) -> None:
         try:
             with connection.makefile("rb") as lines:
-                while (line := lines.readline(_MOST_LINE_BYTES)).endswith(b"\n"):
+                while (line := lines.readline(_MAX_LINE_BYTES)).endswith(b"\n"):
                     self._take(json.loads(line), connection)
         finally:
             with self._sending:

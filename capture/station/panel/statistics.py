@@ -10,7 +10,7 @@ from capture.station.judge.gauge.gauge import ACCEPTABLE
 from capture.station.judge.gauge.gauge_report import GaugeReport, read_gauge_report
 from capture.station.results.history import Selection, Tally
 from capture.station.results.statistics import (
-    MOST_MEASURED,
+    MAX_MEASURED,
     CauseCount,
     Period,
     counted_causes,
@@ -164,7 +164,7 @@ def _control_figures(charts: Sequence[ChartHistory], names: Sequence[str]) -> It
         yield Figure(
             f"led-{number}" if number else "distance",
             title,
-            f"A point is the mean of five of the last {MOST_MEASURED} parts that matched a "
+            f"A point is the mean of five of the last {MAX_MEASURED} parts that matched a "
             "texture; the first 20 points are the baseline. Marked points break a Western "
             "Electric rule; the list says where that begins.",
             (

@@ -12,12 +12,12 @@ from capture.station.run.triggers import Accepted, Refused, Trigger
 from .security import Denied, Slots
 from .station_link import StationLink
 
-LONGEST_KEY = 200
+MAX_KEY_LENGTH = 200
 # A client repeats a request within seconds; a line makes a thousand parts in a quarter of an hour.
 _KEPT_KEYS = 1000
 _DIGITS = 20
 # Each may wait for a database that does not answer, in one of the 40 threads that serve requests.
-MOST_WAITING = 8
+MAX_WAITING = 8
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class KeyedTriggers:
     def __init__(self, live: LiveStation | StationLink, results: ResultsAccess) -> None:
         self._live, self._results = live, results
         self._lock = threading.Lock()
-        self._slots = Slots(MOST_WAITING, "triggers wait for the station")
+        self._slots = Slots(MAX_WAITING, "triggers wait for the station")
         # By the key: the answer, and the part id and the recipe that the client gave.
         self._accepted: OrderedDict[str, tuple[Accepted, str | None, str | None]] = OrderedDict()
 

@@ -23,7 +23,7 @@ from .store import AppendElsewhere, ResultStore, open_store
 
 CHANGE_TIMEOUT_S = 5.0
 """A page that waits longer for a locked database says so."""
-_LONGEST_NAME = 200  # as in the approval of a recipe
+_MAX_NAME_LENGTH = 200  # as in the approval of a recipe
 # Categories of Unicode: control, format (such as a change of direction), surrogates, separators.
 _CONTROL = ("Cc", "Cf", "Cs", "Zl", "Zp")
 
@@ -140,7 +140,7 @@ class ChangeLog:
 
     def record_failed_login(self, name: str, address: str, via: str, further: int) -> None:
         """Record that somebody gave a wrong name, password or PIN; `further` ones had no row."""
-        what = f"login as {name[:_LONGEST_NAME]}"
+        what = f"login as {name[:_MAX_NAME_LENGTH]}"
         after = "failed" + (f"; {further} further failed logins before it" if further else "")
         store = self._results.made()
         record_change(store, what, None, after, by=address, role="none", via=via)
@@ -186,8 +186,8 @@ def changing_on_the_terminal(
     folder: StationFolder, by: str | None = None
 ) -> Iterator[tuple[ChangeLog, Identity]]:
     """Yield the log of changes, and who changes the station: `by` and the user of the system."""
-    if by is not None and not (by.strip() and by.isprintable() and len(by) <= _LONGEST_NAME):
-        raise InputError(f"--by {by[:20]!r}: give 1 to {_LONGEST_NAME} printable characters")
+    if by is not None and not (by.strip() and by.isprintable() and len(by) <= _MAX_NAME_LENGTH):
+        raise InputError(f"--by {by[:20]!r}: give 1 to {_MAX_NAME_LENGTH} printable characters")
     user = system_user()
     name = f"{user}, on the terminal" if by is None else f"{by}, on the terminal as {user}"
     with closing(ResultsAccess(folder)) as results:

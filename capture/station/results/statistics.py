@@ -17,11 +17,11 @@ from .history import IN_FORCE, IS_COLLECTED, JOINED, Selection, conditions
 from .schema import results
 from .store import ResultStore
 
-MOST_PERIODS = 400
+MAX_PERIODS = 400
 """Periods that are counted; the newest ones."""
-MOST_MEASURED = 2000
+MAX_MEASURED = 2000
 """Parts of the control charts: 400 points, about as many as a screen shows apart."""
-_MOST_CHOICES = 100
+_MAX_CHOICES = 100
 """Names that a form offers; a station knows a few dozen textures."""
 # Periods are hours up to a span of two days, days up to three months, and months beyond. A period
 # is a prefix of the time: greatest span in days, length of the prefix.
@@ -100,7 +100,7 @@ def counted_periods(
             moment = datetime.fromisoformat(f"{row.hour}:{15 * row.quarter:02}Z").astimezone(zone)
             begin = moment.isoformat()[:length]
             verdicts.setdefault(begin, Counter())[Decision(row.decision)] += row.parts
-    return [Period(name, verdicts[name]) for name in sorted(verdicts)[-MOST_PERIODS:]]
+    return [Period(name, verdicts[name]) for name in sorted(verdicts)[-MAX_PERIODS:]]
 
 
 def _period_length(first_utc: str, last_utc: str) -> int:
@@ -155,7 +155,7 @@ def counted_defects(store: ResultStore, selection: Selection) -> list[CauseCount
 
 
 def newest_measured(
-    store: ResultStore, selection: Selection, most: int = MOST_MEASURED
+    store: ResultStore, selection: Selection, most: int = MAX_MEASURED
 ) -> list[ChartedPart]:
     """Return the last selected parts that matched a texture, by number."""
     columns = (results.c[name] for name in ChartedPart.__dataclass_fields__)
@@ -173,7 +173,7 @@ def newest_measured(
 
 
 def choices(store: ResultStore) -> Choices:
-    """Return textures and recipes of all parts, at most `_MOST_CHOICES` of each."""
+    """Return textures and recipes of all parts, at most `_MAX_CHOICES` of each."""
     return Choices(_names(store, results.c.label), _names(store, results.c.recipe))
 
 
@@ -183,7 +183,7 @@ def _names(store: ResultStore, column: ColumnElement[str | None]) -> tuple[str, 
         .where(results.c.station == store.station, column.is_not(None))
         .distinct()
         .order_by(column)
-        .limit(_MOST_CHOICES)
+        .limit(_MAX_CHOICES)
     )
     with store.reading() as connection:
         return tuple(name for name in connection.scalars(statement) if name is not None)

@@ -28,7 +28,7 @@ from classify import Calibration, TextureLibrary, learn_defects
 from classify.base.durable_file import make_folder
 from classify.base.threads import beside_workers
 from classify.classifiers.joint import ring_levels
-from classify.defects.learning import LEAST_PARTS
+from classify.defects.learning import MIN_PARTS
 from classify.library.training import TrainingRow, observe
 from classify.methods import default_method
 from classify.pieces.features import band_moments
@@ -201,7 +201,7 @@ def run_bench(
         live.telling(watcher),
     ):
         judge = PartJudge(config.name, None, inspector, {}, save, clock)
-        camera = _StoredSets(good[LEAST_PARTS:], inspector.begin)
+        camera = _StoredSets(good[MIN_PARTS:], inspector.begin)
         equipment = Equipment(camera, judge, store, list, clock, live)
         began_s = time.monotonic()
         Station(folder, config, equipment, parts).run(TimerTrigger(0.0))
@@ -239,7 +239,7 @@ def _captured(side_px: int) -> tuple[list[CapturedSet], CapturedSet]:
     """Parts of one texture to teach and one more to judge; and one part of another texture."""
     camera = {"width_px": side_px, "height_px": side_px, "bits": 16}
     with open_rig(RigConfig().with_changes(camera=camera)) as rig:
-        good = [_placed(rig, _GOOD, number) for number in range(LEAST_PARTS + 2)]
+        good = [_placed(rig, _GOOD, number) for number in range(MIN_PARTS + 2)]
         return good, _placed(rig, _OTHER, 0)
 
 
@@ -252,7 +252,7 @@ def _placed(rig: Rig, surface: str, number: int) -> CapturedSet:
 def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) -> Inspector:
     """An inspector whose library has `classes` classes; all but one look like `other`."""
     surfaces = [
-        MeasuredSurface.of(captured, None, None, None) for captured in (*good[:LEAST_PARTS], other)
+        MeasuredSurface.of(captured, None, None, None) for captured in (*good[:MIN_PARTS], other)
     ]
     segment_px = segment_for(surfaces[0].surface.shape)
     first, last = (
@@ -263,14 +263,14 @@ def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) ->
     library = TextureLibrary.from_observations(
         rows, segment_px, method=default_method(len(good[0].images)), planar=PLANAR
     )
-    taught_surfaces = [material.surface for material in surfaces[:LEAST_PARTS]]
+    taught_surfaces = [material.surface for material in surfaces[:MIN_PARTS]]
     rings = [ring_levels(library.observe(surface)) for surface in taught_surfaces]
     parts = [
         GoodPart(band_moments(surface), 0.0, levels)
         for surface, levels in zip(taught_surfaces, rings, strict=True)
     ]
     model = TextureModels(
-        learn_defects(taught_surfaces, [0.0] * LEAST_PARTS),
+        learn_defects(taught_surfaces, [0.0] * MIN_PARTS),
         learn_pieces(parts, np.ones_like(rings[0])),
     )
     texture = TaughtTexture(

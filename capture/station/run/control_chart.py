@@ -16,7 +16,7 @@ from rig.acceptance import EQUAL_LED_LEVELS
 
 _WARN_LED_LEVEL = 0.95
 """Share of its taught level, against the brightest, below which an LED is named."""
-_LEAST_LED_CHANGE = EQUAL_LED_LEVELS
+_MIN_LED_CHANGE = EQUAL_LED_LEVELS
 """Smaller differences from the baseline are no drift: sets need no correction for them."""
 
 # Subgroups of 4 or 5 and 20 to 25 of them for the limits are customary since Shewhart (1931).
@@ -25,7 +25,7 @@ GROUP, BASELINE_POINTS = 5, 20
 # The mean range of two normal values is 1.128 standard deviations (ISO 7870-2, d2).
 _RANGE_OF_TWO = 1.128
 # Least standard deviation as a share of the mean, for values that hardly vary, as in a simulation.
-_LEAST_SPREAD = 1e-3
+_MIN_SPREAD = 1e-3
 # Western Electric (Statistical Quality Control Handbook, 1956): number of last points, how many of
 # them lie on one side of the baseline, and beyond how many standard deviations.
 _RULES = ((1, 1, 3.0), (3, 2, 2.0), (5, 4, 1.0), (8, 8, 0.0))
@@ -52,7 +52,7 @@ def baseline_of(values: Sequence[float]) -> Baseline:
     mean = statistics.fmean(values)
     ranges = [abs(after - before) for before, after in pairwise(values)]
     sigma = statistics.fmean(ranges) / _RANGE_OF_TWO
-    return Baseline(mean, max(sigma, _LEAST_SPREAD * abs(mean)))
+    return Baseline(mean, max(sigma, _MIN_SPREAD * abs(mean)))
 
 
 def broken_rules(values: Sequence[float], baseline: Baseline) -> tuple[str, ...]:
@@ -130,7 +130,7 @@ class ControlChart:
         self._begin()
 
     def _begin(self) -> None:
-        self._levels = {name: _Watched(_LEAST_LED_CHANGE) for name in self._led_names}
+        self._levels = {name: _Watched(_MIN_LED_CHANGE) for name in self._led_names}
         self._distance = _Watched()
         self._notes = NewWarnings()
         self._group: list[PartResult] = []
@@ -228,7 +228,7 @@ def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
             math.exp,
         ),
         *(
-            _history(groups, [point[led] for point in levels], least=_LEAST_LED_CHANGE)
+            _history(groups, [point[led] for point in levels], least=_MIN_LED_CHANGE)
             for led in range(leds)
         ),
     )

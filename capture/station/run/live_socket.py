@@ -32,11 +32,11 @@ from .live_view import STATE
 from .triggers import Accepted, Asker, RecipeRefusal, RecipeRefused, Refused, Trigger
 
 NAME = "live.sock"
-MOST_PANELS = 8
+MAX_PANELS = 8
 # A change has two texts of 2000 characters, which JSON escapes in up to 12 bytes each.
-MOST_REQUEST_BYTES = 1 << 16
+MAX_REQUEST_BYTES = 1 << 16
 # Threads that wait for the station in the name of one panel; further requests wait in its socket.
-MOST_REQUESTS = 16
+MAX_REQUESTS = 16
 # A panel that reads nothing for five seconds is cut off.
 SEND_TIME = struct.pack("ll", 5, 0)  # timeval: seconds, microseconds
 _CREDENTIALS = struct.Struct("3i")  # ucred of unix(7): process, user, group
@@ -91,7 +91,7 @@ def serving_live(folder: StationFolder, live: LiveStation) -> Iterator[None]:
             listener.bind(address)
             stack.callback(partial(Path(address).unlink, missing_ok=True))
             Path(address).chmod(0o600)
-            listener.listen(MOST_PANELS)
+            listener.listen(MAX_PANELS)
         except (AttributeError, OSError) as error:  # Windows has no such sockets
             raise CannotListen(f"{folder.path / NAME}: {error}; give --no-panel") from error
         accepting = threading.Thread(
@@ -114,7 +114,7 @@ def _accept(listener: socket.socket, live: LiveStation, results: ResultsAccess) 
         except OSError:  # the end of the run
             break
         panels = [panel for panel in panels if panel.is_alive()]
-        if len(panels) >= MOST_PANELS or not _is_own(connection):
+        if len(panels) >= MAX_PANELS or not _is_own(connection):
             connection.close()
             continue
         serve = _Panel(connection, live, results).serve
@@ -181,13 +181,13 @@ class _Panel:
                 self._woken.set()
 
     def _read(self) -> None:
-        free = threading.BoundedSemaphore(MOST_REQUESTS)
+        free = threading.BoundedSemaphore(MAX_REQUESTS)
         with (
-            ThreadPoolExecutor(MOST_REQUESTS, "request of a panel") as pool,
+            ThreadPoolExecutor(MAX_REQUESTS, "request of a panel") as pool,
             suppress(OSError, ValueError),
             self._connection.makefile("rb") as lines,
         ):
-            while (line := lines.readline(MOST_REQUEST_BYTES)).endswith(b"\n"):
+            while (line := lines.readline(MAX_REQUEST_BYTES)).endswith(b"\n"):
                 request = Request.model_validate_json(line)
                 if request.call == "withdraw":
                     self._withdrawn.add(request.arguments[0])

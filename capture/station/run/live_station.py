@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 
 Subscriber = Callable[[LiveEvent], None]
 # Events of some hundred parts; a subscriber that is further behind hangs.
-MOST_EVENTS = 1000
+MAX_EVENTS = 1000
 _POLL_S = 0.02
 _log = logging.getLogger(__name__)
 
@@ -111,11 +111,11 @@ class LiveStation(LiveView):
             self._thread.join()
 
     def wait_for_room(self, is_over: Callable[[], bool]) -> None:
-        """Wait while subscribers are `MOST_EVENTS` behind, unless `is_over`.
+        """Wait while subscribers are `MAX_EVENTS` behind, unless `is_over`.
 
         A call by a subscriber returns at once.
         """
-        while self._queue.qsize() >= MOST_EVENTS and not is_over():
+        while self._queue.qsize() >= MAX_EVENTS and not is_over():
             if threading.current_thread() is self._thread:
                 return
             time.sleep(_POLL_S)

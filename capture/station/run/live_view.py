@@ -17,7 +17,7 @@ from .station_state import StationState
 # A part has four events: a browser that was disconnected for a hundred parts misses none.
 _KEPT_EVENTS = 400
 # Some fifty parts; a subscriber that is further behind reads the state anew.
-MOST_WAITING = 200
+MAX_WAITING = 200
 _RATE_WINDOW_S = 60.0
 # A line of 10 parts a second fills it in the window; the rate is right with fewer, too.
 _KEPT_TIMES = 600
@@ -62,7 +62,7 @@ class LiveEvent:
 
 
 class Subscription:
-    """The events that a subscriber has not taken yet; all are lost when `MOST_WAITING` wait.
+    """The events that a subscriber has not taken yet; all are lost when `MAX_WAITING` wait.
 
     `wake` is called under a lock from a thread of the station, and must not wait.
     """
@@ -82,7 +82,7 @@ class Subscription:
     def put(self, event: LiveEvent) -> None:
         """Add an event; called by `LiveView`."""
         with self._lock:
-            if len(self._waiting) >= MOST_WAITING:
+            if len(self._waiting) >= MAX_WAITING:
                 self._missed += len(self._waiting)
                 self._waiting.clear()
             self._waiting.append(event)

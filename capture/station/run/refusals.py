@@ -14,7 +14,7 @@ from .events import TriggerRefused
 from .triggers import Trigger
 
 # More than this wait only if the database does not answer, or a client is out of order.
-MOST_WAITING = 100
+MAX_WAITING = 100
 # A client in a loop may not fill the database: 8 of them made 425 rows a second.
 _ROWS_PER_S = 20.0
 # Pause between two attempts to write to a database that does not answer.
@@ -24,7 +24,7 @@ _RETRY_S = 0.5
 class Refusals:
     """Records refused triggers from a thread of its own; `add` never waits.
 
-    At most `MOST_WAITING` wait, also before the run; one row counts those beyond.
+    At most `MAX_WAITING` wait, also before the run; one row counts those beyond.
     """
 
     def __init__(
@@ -64,7 +64,7 @@ class Refusals:
                 self._tell([refused], recorded=False)
                 return
             self._last = refused
-            if len(self._waiting) < MOST_WAITING:
+            if len(self._waiting) < MAX_WAITING:
                 self._waiting.append(refused)
             else:
                 self._beyond += 1

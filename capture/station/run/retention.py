@@ -25,7 +25,7 @@ _TIMEOUT_S = 60.0
 # Files in one transaction; an interrupted removal repeats at most this many.
 _BATCH = 200
 # Least number of days with parts that stay: that of a clock set ahead, and the one before.
-_LEAST_DAYS = 2
+_MIN_DAYS = 2
 # Sets reach their age hour by hour, so one removal is short.
 PERIOD_S = 3600.0
 
@@ -72,7 +72,7 @@ def removed_until(folder: Path, retention: Retention, now: datetime) -> str:
     clock set far ahead adds one such day.
     """
     days = sorted((day.name for day in (folder / PARTS).glob("????-??-??/")), reverse=True)
-    staying = days[: max(_LEAST_DAYS, math.ceil(retention.pass_days / 2))]
+    staying = days[: max(_MIN_DAYS, math.ceil(retention.pass_days / 2))]
     return min([_text(now - timedelta(days=retention.pass_days)), *staying])
 
 

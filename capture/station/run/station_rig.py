@@ -25,7 +25,7 @@ from .self_test import check_rig, check_setting, set_bytes
 # Least time from the beginning of the wait to a simulated part: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
 # Number of earlier parts that a new part is compared with; their hashes take 2 MB.
-MOST_KNOWN = 10_000
+MAX_KNOWN = 10_000
 
 
 class PartCamera(Protocol):
@@ -172,7 +172,7 @@ class StationRig:
                 f"every pixel is that of part number {earlier}: the camera repeats its images; "
                 "restart it"
             )
-        if len(self._parts) > MOST_KNOWN:
+        if len(self._parts) > MAX_KNOWN:
             del self._parts[next(iter(self._parts))]
 
     def _with_light_of(self, recipe: Recipe) -> RigConfig:

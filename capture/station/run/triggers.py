@@ -25,7 +25,7 @@ _SENSOR = "sensor"
 _MISSED = "passed the sensor while the station was busy or not ready"
 # Missed parts that get a row each; a sensor that counts more between two waits is faulty, and one
 # row counts the others.
-MOST_RECORDED = 20
+MAX_RECORDED = 20
 
 
 class Asker(NamedTuple):
@@ -225,10 +225,10 @@ class PartSensor:
     def await_part(self, station: "Station", is_over: Callable[[], bool]) -> None:
         """Wait for a part and submit its trigger, unless `is_over`.
 
-        Parts that came since the last wait are refused, with a row each up to `MOST_RECORDED`.
+        Parts that came since the last wait are refused, with a row each up to `MAX_RECORDED`.
         """
         missed = self._rig.missed_parts()
-        for _ in range(min(missed, MOST_RECORDED)):
+        for _ in range(min(missed, MAX_RECORDED)):
             if is_over():  # each row may wait for a locked database
                 break
             station.refuse(Trigger(_SENSOR), f"the part {_MISSED}")

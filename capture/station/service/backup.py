@@ -21,10 +21,10 @@ from classify.base.durable_file import durable_file, require_folder, temporary_p
 from classify.base.errors import InputError
 from classify.base.regular_file import open_regular_file
 
-from .manifest import MANIFEST, MOST_FILES, MOST_FOLDERS, Manifest, StoredFile
+from .manifest import MANIFEST, MAX_FILES, MAX_FOLDERS, Manifest, StoredFile
 
 _BLOCK_BYTES = 1 << 20
-_MOST_FILE_BYTES = 1 << 40
+_MAX_FILE_BYTES = 1 << 40
 # Files of SQLite beside the database while programs have it open.
 _BESIDE_SQLITE = ("", "-wal", "-shm", "-journal")
 _LOCKS = (".lock", LOCK_FILE_SUFFIX, f"{LOCK_FILE_SUFFIX}-journal")
@@ -55,10 +55,8 @@ class Backup:
                 self.sources[str(path)] = folder / path
             else:
                 self._missing.append(name)
-        if len(self.sources) > MOST_FILES:
-            raise InputError(
-                f"{folder}: has more than {MOST_FILES} files; move old parts elsewhere"
-            )
+        if len(self.sources) > MAX_FILES:
+            raise InputError(f"{folder}: has more than {MAX_FILES} files; move old parts elsewhere")
         self.remarks = tuple(_remarks(folder, config, self._missing))
 
     def write(self, path: Path) -> Iterator[str]:
@@ -150,8 +148,8 @@ def _settings(folder: Path, config: StationConfig) -> Iterator[tuple[str, Path]]
 
 def _files_below(folder: Path, folders: int = 1) -> Iterator[Path]:
     """All files but hidden ones, which are being written; links are refused."""
-    if folders > MOST_FOLDERS:
-        raise InputError(f"{folder}: lies in more than {MOST_FOLDERS} folders; move it elsewhere")
+    if folders > MAX_FOLDERS:
+        raise InputError(f"{folder}: lies in more than {MAX_FOLDERS} folders; move it elsewhere")
     for path in sorted(folder.iterdir()):
         if path.name.startswith("."):
             continue
@@ -194,7 +192,7 @@ def _check_space(folder: Path, config: StationConfig, path: Path, needed: int) -
 def _store(archive: zipfile.ZipFile, name: str, source: Path) -> StoredFile:
     """Copy a file into the archive, up to its present size: a log may grow meanwhile."""
     digest = sha256()
-    with open_regular_file(source, _MOST_FILE_BYTES) as file:
+    with open_regular_file(source, _MAX_FILE_BYTES) as file:
         status = os.fstat(file.fileno())
         left = status.st_size
         with archive.open(zipfile.ZipInfo(name), "w", force_zip64=True) as member:

@@ -8,17 +8,17 @@ from pydantic import AfterValidator, FailFast, Field
 from classify.base.models import Record
 
 MANIFEST = "backup.json"
-MOST_FILES = 2_000_000
+MAX_FILES = 2_000_000
 """A part a second that fails, for three weeks; its manifest has 400 MB."""
-MOST_FOLDERS = 16
+MAX_FOLDERS = 16
 """Below each other; a station makes five."""
 
 
 def _inside(text: str) -> str:
     """Check that a name is of a file inside a folder."""
     parts = PurePosixPath(text).parts
-    if len(parts) > MOST_FOLDERS:
-        raise ValueError(f"{text[:100]!r} lies in more than {MOST_FOLDERS} folders")
+    if len(parts) > MAX_FOLDERS:
+        raise ValueError(f"{text[:100]!r} lies in more than {MAX_FOLDERS} folders")
     if text != "/".join(parts) or parts[:1] == ("/",) or ".." in parts or "\0" in text:
         raise ValueError(f"{text!r} is not the name of a file inside a folder")
     text.encode()  # names that are not UTF-8 raise a ValueError, too
@@ -52,5 +52,5 @@ class Manifest(Record):
     chain_sha256: _Text  # head of the chain of hashes of the station; empty without rows
     sets: _Count
     # Set files that the results name. The first fault ends the reading of a hostile list.
-    missing: Annotated[tuple[_InnerPath, ...], Field(max_length=MOST_FILES), FailFast()]
-    files: Annotated[tuple[StoredFile, ...], Field(max_length=MOST_FILES), FailFast()]
+    missing: Annotated[tuple[_InnerPath, ...], Field(max_length=MAX_FILES), FailFast()]
+    files: Annotated[tuple[StoredFile, ...], Field(max_length=MAX_FILES), FailFast()]

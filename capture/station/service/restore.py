@@ -20,8 +20,8 @@ from classify.base.regular_file import open_regular_file
 
 from .manifest import MANIFEST, Manifest, StoredFile
 
-_MOST_BYTES = 1 << 44
-_MOST_MANIFEST_BYTES = 1 << 29
+_MAX_BYTES = 1 << 44
+_MAX_MANIFEST_BYTES = 1 << 29
 _BLOCK_BYTES = 1 << 20
 # What zipfile and zlib raise for a damaged file; RuntimeError stands for encrypted members.
 _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
@@ -68,7 +68,7 @@ class OpenBackup:
     def _read_manifest(self) -> Manifest:
         with self._readable():
             info = self._archive.getinfo(MANIFEST)
-            if info.file_size > _MOST_MANIFEST_BYTES or info.compress_type != zipfile.ZIP_STORED:
+            if info.file_size > _MAX_MANIFEST_BYTES or info.compress_type != zipfile.ZIP_STORED:
                 raise InputError(
                     f"{self._path}: no backup of a station: its manifest of {info.file_size} bytes "
                     "is compressed, or too large"
@@ -119,7 +119,7 @@ class OpenBackup:
 @contextmanager
 def opened_backup(path: Path) -> Iterator[OpenBackup]:
     """Open a backup for restoring."""
-    with open_regular_file(path, _MOST_BYTES) as file:
+    with open_regular_file(path, _MAX_BYTES) as file:
         try:
             archive = zipfile.ZipFile(file)
         except _UNREADABLE as error:

@@ -272,11 +272,11 @@ def _listed(found: DetectedCamera) -> ListedCamera:
         camera.close()
 
 
-LARGEST_BUFFER = Path("/proc/sys/net/core/rmem_max")
+MAX_BUFFER_FILE = Path("/proc/sys/net/core/rmem_max")
 # Share of a link less the headers of its packets: 115 MB/s of gigabit Ethernet.
 _LINK_SHARE = 0.92
 # With packets of 1,500 bytes the kernel handles this many a second without losses on two cores.
-_MOST_PACKETS_PER_S = 40_000
+_MAX_PACKETS_PER_S = 40_000
 
 
 def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
@@ -297,7 +297,7 @@ def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
         )
     packet_bytes = record["packet_bytes"]
     packets_per_s = 1e6 * rate_mb_per_s / packet_bytes
-    if packets_per_s > _MOST_PACKETS_PER_S:
+    if packets_per_s > _MAX_PACKETS_PER_S:
         yield ControlFault(
             "packet size",
             f"{packets_per_s:.0f} packets of {packet_bytes} bytes a second",
@@ -305,7 +305,7 @@ def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
         )
     wanted_bytes = FRAMES_IN_SOCKET * frame_bytes
     try:
-        largest_bytes = int(LARGEST_BUFFER.read_text())
+        largest_bytes = int(MAX_BUFFER_FILE.read_text())
     except (OSError, ValueError):
         return  # not Linux
     if largest_bytes < wanted_bytes:

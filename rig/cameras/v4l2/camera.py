@@ -241,7 +241,7 @@ _PREFERRED = sorted(
     ),
 )
 # Larger frames seldom reach 30 Hz over USB 2, and then the camera is not opened.
-_MOST_COLUMNS = 1280
+_MAX_COLUMNS = 1280
 
 
 def list_v4l2_cameras(dev: Path = DEV) -> list[ListedCamera]:
@@ -295,8 +295,8 @@ def config_lines(formats: Iterable[OfferedFormat]) -> tuple[str, ...]:
 
 
 def _size(texts: Iterable[str]) -> tuple[int, int]:
-    """The largest listed size of at most `_MOST_COLUMNS`, else the smallest; 512 x 512 if none."""
+    """The largest listed size of at most `_MAX_COLUMNS`, else the smallest; 512 x 512 if none."""
     matches = [re.fullmatch(r"(\d+)x(\d+)", text) for text in texts]
     sizes = [(int(match[1]), int(match[2])) for match in matches if match]
-    small = [size for size in sizes if size[0] <= _MOST_COLUMNS]
+    small = [size for size in sizes if size[0] <= _MAX_COLUMNS]
     return max(small, default=min(sizes, default=(512, 512)))

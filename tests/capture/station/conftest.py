@@ -28,7 +28,7 @@ from tests.capture.station.teaching_sets import SIDE_PX, saved
 @pytest.fixture(scope="session", autouse=True)
 def few_places() -> Iterator[None]:
     """Teach faster: strengths that are found are tested in `tests/classify/defects`."""
-    with mock.patch.multiple(detectability, _LEAST_PLACES=4, _MOST_PLACES=4):
+    with mock.patch.multiple(detectability, _MIN_PLACES=4, _MAX_PLACES=4):
         yield
 
 

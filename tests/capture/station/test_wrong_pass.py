@@ -58,7 +58,7 @@ def test_a_camera_that_delivers_the_set_of_an_earlier_part_passes_nothing(
 
 
 def test_hashes_of_pixels_are_bounded(line: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("capture.station.run.station_rig.MOST_KNOWN", 2)
+    monkeypatch.setattr("capture.station.run.station_rig.MAX_KNOWN", 2)
     folder = StationFolder(line)
     inspector = Inspector.load(folder.recipe_files())
     rig = StationRig(folder.config, SMALL_RIG, inspector)

@@ -12,8 +12,8 @@ import pytest
 from classify.base.errors import InputError
 from classify.base.threads import (
     Task,
-    beside,
     bound_to,
+    in_background,
     map_in_threads,
     run_on_rows,
     set_thread_count,

@@ -11,8 +11,8 @@ from classify import SurfaceEstimate, TextureLibrary
 from classify.texture.fields import texture_fields
 from classify.texture.heading import (
     HEADING_FLOATS,
-    heading_moments,
     heading_features,
+    heading_moments,
     heading_scores,
     heading_variances,
 )

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 from capture.chapter.plan import (
     BEST_SOLVER,
-    SPECTRA_CLASSIFIERS,
     ONE_D,
     OURS,
     SOLVERS,
+    SPECTRA_CLASSIFIERS,
     THESIS,
     Conditions,
     Experiment,

@@ -23,7 +23,7 @@ from .made_faults import (
     with_fault,
 )
 
-_LEAST_FOUND = 0.9
+_MIN_FOUND_SHARE = 0.9
 """Share of the parts with a fault that must not pass for it to count as found."""
 _LARGE_STRENGTH = 0.2
 """Size of a large fault, as a share of the frame; a recipe must find it to be approved."""
@@ -46,8 +46,8 @@ class FaultFinding(Record):
 
     @property
     def is_found(self) -> bool:
-        """Whether at least `_LEAST_FOUND` of the parts did not pass."""
-        return self.found >= _LEAST_FOUND * self.parts
+        """Whether at least `_MIN_FOUND_SHARE` of the parts did not pass."""
+        return self.found >= _MIN_FOUND_SHARE * self.parts
 
     def __str__(self) -> str:
         return f"{self.fault}, {self.strength:g} {self.unit}, on {self.texture}"

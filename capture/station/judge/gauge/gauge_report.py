@@ -15,7 +15,7 @@ from .gauge import GaugeStudy, Rating, Share
 
 _MAX_BYTES = 1 << 22  # the reasons of 200 parts, 2,000 characters each, have 0.4 MB
 # Number of parts with a wrong verdict that a report names.
-_MOST_WRONG = 200
+_MAX_WRONG_ROWS = 200
 
 
 class GaugeReport(Record):
@@ -58,7 +58,7 @@ class GaugeReport(Record):
             false_alarms=study.false_alarms,
             rating=study.rating,
             lines=(*study.lines(), *faults),
-            wrong=tuple(study.wrong()[:_MOST_WRONG]),
+            wrong=tuple(study.wrong()[:_MAX_WRONG_ROWS]),
         )
 
 

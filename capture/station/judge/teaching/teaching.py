@@ -26,7 +26,7 @@ from classify import Match, TextureLibrary
 from classify.base.durable_file import make_folder
 from classify.classifiers import Observation, classifier_named
 from classify.classifiers.joint import ring_levels
-from classify.defects.learning import LEAST_PARTS, MOST_PARTS
+from classify.defects.learning import MAX_PARTS, MIN_PARTS
 from classify.library.evaluation import leave_one_out
 from classify.library.training import common_lighting
 from classify.methods import default_method
@@ -147,13 +147,13 @@ def _next_version(
 def _check_good_parts(recipe: Recipe, sets: Sequence[KeptSet]) -> None:
     for texture in recipe.passes:
         count = sum(kept.texture == texture for kept in sets)
-        if count < LEAST_PARTS:
+        if count < MIN_PARTS:
             raise RecipeError(
-                f"{count} good parts of {texture!r}; give {LEAST_PARTS} or more, 30 are better"
+                f"{count} good parts of {texture!r}; give {MIN_PARTS} or more, 30 are better"
             )
-        if count > MOST_PARTS:
+        if count > MAX_PARTS:
             raise RecipeError(
-                f"{count} good parts of {texture!r}, known and given ones; at most {MOST_PARTS} "
+                f"{count} good parts of {texture!r}, known and given ones; at most {MAX_PARTS} "
                 f"can be taught: give fewer, or remove files from recipes/{recipe.name}/sets"
             )
 

@@ -10,19 +10,19 @@ from classify.confidence import tolerance_factor
 # Least relative spread of Sdq and shadow between good parts: different patches of one simulated
 # texture differ by this much (`tests/capture/station/judge/test_teaching.py`). Without it,
 # captures of one and the same part would give limits that the next part exceeds.
-_LEAST_SPREAD = 0.01
+_MIN_SPREAD = 0.01
 # Least upper limit of Sdq, for parts without any slope: one grey value of 12 bits is 0.001 of a
 # signal of a quarter of full scale.
-_LEAST_SDQ = 0.001
+_MIN_SDQ = 0.001
 # Added to limits of shares of pixels: a share that is 0 on all good parts may be this on the next.
-_LEAST_SHARE = 0.005
+_MIN_SHARE = 0.005
 # Cells without a score come in groups: the limit is twice the largest area on a good part.
 _MORE_UNJUDGED = 2
 # Least relative departures of albedo and scale that exceed their limits: LEDs may fade to 85 %
 # before the station stops, and parts lie at heights that differ by a hundredth of their distance.
-_LEAST_ALBEDO, _LEAST_SCALE = 0.15, 0.01
+_MIN_ALBEDO, _MIN_SCALE = 0.15, 0.01
 # Half way between the taught texture and its mirror image.
-_LEAST_HANDEDNESS = 0.0
+_MIN_HANDEDNESS = 0.0
 # Logarithm of a distance of 1000. A larger limit, from three very different parts, is left out: the
 # library has its own.
 _NO_LIMIT = math.log(1000.0)
@@ -46,18 +46,18 @@ def limits_of_texture(
     log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf
     least = max(0.0, -_limit([-sdq for sdq in sdqs]))
     albedo = statistics.fmean(albedos)
-    darker = max(0.0, min(-_limit([-value for value in albedos]), (1.0 - _LEAST_ALBEDO) * albedo))
-    brighter = max(_limit(albedos), (1.0 + _LEAST_ALBEDO) * albedo)
+    darker = max(0.0, min(-_limit([-value for value in albedos]), (1.0 - _MIN_ALBEDO) * albedo))
+    brighter = max(_limit(albedos), (1.0 + _MIN_ALBEDO) * albedo)
     factor = tolerance_factor(len(albedos))
-    scale = math.exp(max(factor * scale_deviation, _LEAST_SCALE))
+    scale = math.exp(max(factor * scale_deviation, _MIN_SCALE))
     return Limits(
         albedo=(darker, brighter),
         scale=(1.0 / scale, scale),
-        handedness=_LEAST_HANDEDNESS if has_handedness else None,
+        handedness=_MIN_HANDEDNESS if has_handedness else None,
         distance=math.exp(log_limit) if log_limit < _NO_LIMIT else None,
-        sdq=(least, max(_LEAST_SDQ, _limit(sdqs))),
-        shadow_fraction=min(1.0, _LEAST_SHARE + _limit(shadow_fractions)),
-        unmeasured_fraction=min(1.0, _LEAST_SHARE + _limit(unmeasured_fractions)),
+        sdq=(least, max(_MIN_SDQ, _limit(sdqs))),
+        shadow_fraction=min(1.0, _MIN_SHARE + _limit(shadow_fractions)),
+        unmeasured_fraction=min(1.0, _MIN_SHARE + _limit(unmeasured_fractions)),
     )
 
 
@@ -76,7 +76,7 @@ def general_limits(limits: GeneralLimits, of_textures: Mapping[str, Limits]) -> 
     return limits.model_copy(update={"unmeasured_fraction": most})
 
 
-def _limit(values: Sequence[float], least_spread: float = _LEAST_SPREAD) -> float:
+def _limit(values: Sequence[float], least_spread: float = _MIN_SPREAD) -> float:
     """Upper tolerance limit of values; their spread is at least `least_spread` of their mean."""
     mean = statistics.fmean(values)
     spread = max(statistics.stdev(values), least_spread * abs(mean))

@@ -13,7 +13,7 @@ from .taught_sets import KeptSet
 from .teaching_result import Teaching
 
 # Sets of an overlap with pictures; the table of all sets names the others.
-_MOST_PICTURES = 4
+_MAX_PICTURES = 4
 
 
 def write_teaching_page(teaching: Teaching) -> None:
@@ -47,7 +47,7 @@ def teaching_page(teaching: Teaching) -> str:
         promises=list(teaching.promises()),
         least_defects=list(teaching.least_found()),
         overlaps=[
-            (overlap, [*overlap.sets[:_MOST_PICTURES], *first_sets(overlap.other)])
+            (overlap, [*overlap.sets[:_MAX_PICTURES], *first_sets(overlap.other)])
             for overlap in teaching.overlaps
         ],
         limits=_limits(recipe),

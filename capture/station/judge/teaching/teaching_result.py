@@ -12,7 +12,7 @@ from capture.station.judge.gauge.gauge import ACCEPTABLE
 from capture.station.judge.inspector import Inspection
 from classify import Match
 from classify.confidence import CONFIDENCE, share_at_most, tolerance_factor, trials_to_show
-from classify.library.match import LEAST_MARGIN
+from classify.library.match import MIN_MARGIN
 from classify.texture.uniformity import Uniformity, uniformity_remarks
 
 from .manual_limits import LimitsOf
@@ -20,7 +20,7 @@ from .taught_part import TaughtPart
 from .taught_sets import KeptSet
 
 # Largest share of bad parts that may pass, and of good parts that may be rejected.
-_, _MOST_MISSES, _MOST_FALSE_ALARMS = ACCEPTABLE
+_, _MAX_MISSES, _MAX_FALSE_ALARMS = ACCEPTABLE
 # Limits of 3 good parts are 10.6 standard deviations wide, those of 10 are 4.0, those of 30 are 3.1
 # (`classify.confidence.tolerance_factor`): from 10 on, more parts narrow them little.
 _ENOUGH_PARTS = 10
@@ -103,10 +103,10 @@ class Teaching:
             good = texture in self.recipe.passes
             if good:
                 events = sum(match.label != texture for match in found)
-                limit, event = _MOST_FALSE_ALARMS, "rejected"
+                limit, event = _MAX_FALSE_ALARMS, "rejected"
             else:
                 events = sum(match.label in self.recipe.passes for match in found)
-                limit, event = _MOST_MISSES, "passed"
+                limit, event = _MAX_MISSES, "passed"
             kind = "good" if good else "bad"
             yield (
                 f"{texture}: {events} of {len(found)} {kind} parts were {event} by their texture "
@@ -160,7 +160,7 @@ def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Itera
         if match is None:
             continue
         other = match.nearest if match.nearest != kept.texture else match.runner_up
-        undecided = match.margin is not None and match.margin < LEAST_MARGIN
+        undecided = match.margin is not None and match.margin < MIN_MARGIN
         # The library without a set does not contain a texture that has this set alone.
         confused = match.nearest != kept.texture and textures.count(kept.texture) > 1
         if other is not None and (confused or undecided or match.label == other):

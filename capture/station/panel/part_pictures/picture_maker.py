@@ -15,7 +15,7 @@ from .part_view import Outline, part_view
 # The pictures of some fifty parts at the small size, or of twelve at the large one.
 KEPT_BYTES = 64 << 20
 # Number of parts whose pictures may wait: the twelve of the strip in two browsers.
-MOST_WAITING = 24
+MAX_WAITING = 24
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,7 +58,7 @@ class PictureMaker:
                 return done
             if (waiting := self._waiting.get(key)) is not None:
                 return waiting
-            if len(self._waiting) >= MOST_WAITING:
+            if len(self._waiting) >= MAX_WAITING:
                 return None
             future = self._thread.submit(made_pictures, self._folder, result, path, size)
             self._waiting[key] = future

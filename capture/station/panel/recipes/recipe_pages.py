@@ -29,9 +29,9 @@ from classify.base.regular_file import read_regular_file
 from .recipe_form import RecipeForm, settings_of
 from .recipe_work import add_parts_to_challenge, start_replay, start_teaching
 
-# No more than the parts that may wait for pictures (`picture_maker.MOST_WAITING`).
+# No more than the parts that may wait for pictures (`picture_maker.MAX_WAITING`).
 _SHOWN_PARTS = 20
-_MOST_REPORT_BYTES = 1 << 26
+_MAX_REPORT_BYTES = 1 << 26
 # The report has its style and its pictures in itself, and no script.
 _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox; "
@@ -280,7 +280,7 @@ def _report(call: ByOperator, name: Name, version: int) -> Response:
     path = files.version(version).report
     if version not in files.taught_versions() or not path.is_file():
         raise Denied(404, f"recipe {name}, version {version}: there is no report")
-    content = read_regular_file(path, _MOST_REPORT_BYTES)
+    content = read_regular_file(path, _MAX_REPORT_BYTES)
     headers = {"Content-Security-Policy": _REPORT_POLICY}
     return Response(content, media_type="text/html; charset=utf-8", headers=headers)
 

@@ -17,7 +17,7 @@ from classify.base.errors import InputError
 from classify.methods import checked_label
 
 # A job can teach this many in its time; see `background_jobs`.
-MOST_CHOSEN_PARTS = 300
+MAX_CHOSEN_PARTS = 300
 
 
 def start_teaching(
@@ -73,8 +73,8 @@ def _start(
 
 
 def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:
-    if len(part_ids) > MOST_CHOSEN_PARTS:
-        raise InputError(f"{len(part_ids)} parts: give {MOST_CHOSEN_PARTS} or fewer")
+    if len(part_ids) > MAX_CHOSEN_PARTS:
+        raise InputError(f"{len(part_ids)} parts: give {MAX_CHOSEN_PARTS} or fewer")
     store, paths = panel.results.store, []
     for part_id in dict.fromkeys(part_ids):
         entry = store.part(part_id)

@@ -26,11 +26,11 @@ from classify.base.errors import InputError
 from classify.base.models import Record
 
 from .recipe_pages import changes_of, known_changes_of, load_recipe, recipe_names
-from .recipe_work import MOST_CHOSEN_PARTS, add_parts_to_challenge, start_replay, start_teaching
+from .recipe_work import MAX_CHOSEN_PARTS, add_parts_to_challenge, start_replay, start_teaching
 
 router = APIRouter(prefix=V1)
 _ONE, _JOB = "/recipes/{name}", f"{V1}/job"
-_PartIds = Annotated[list[str], Field(max_length=MOST_CHOSEN_PARTS, description="ids of parts")]
+_PartIds = Annotated[list[str], Field(max_length=MAX_CHOSEN_PARTS, description="ids of parts")]
 _Recipe = answer(
     "Recipe",
     **{key: (about.annotation, about) for key, about in Recipe.model_fields.items()},

@@ -15,9 +15,9 @@ from capture.station.judge.approval import approve
 from capture.station.judge.gauge.fault_study import (
     FaultFinding,
     FaultStudy,
-    large_faults,
     keep_study,
     kept_study,
+    large_faults,
     study_faults,
 )
 from capture.station.judge.gauge.made_faults import FAULTS, Place, with_fault

@@ -102,7 +102,7 @@ def test_too_many_good_parts_are_refused_before_any_is_solved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     files = RecipeFolder(tmp_path / "line.toml", tmp_path / "line")
-    monkeypatch.setattr("capture.station.judge.teaching.teaching.MOST_PARTS", 3)
+    monkeypatch.setattr("capture.station.judge.teaching.teaching.MAX_PARTS", 3)
     steps: list[str] = []
 
     def show(items: Iterable[T], total: int, description: str) -> Iterator[T]:  # noqa: ARG001

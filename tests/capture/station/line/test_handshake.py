@@ -15,7 +15,7 @@ from hypothesis.stateful import (
 )
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.line.handshake import MOST_WAITING, Handshake, RecipeRequest, TriggerRequest
+from capture.station.line.handshake import MAX_WAITING, Handshake, RecipeRequest, TriggerRequest
 from capture.station.line.ladder import ANSWER_S, Judged, Ladder
 from capture.station.line.registers import (
     PLC,
@@ -319,7 +319,7 @@ def test_a_result_is_not_shown_before_its_trigger_is_answered() -> None:
 
 def test_a_plc_that_never_acknowledges_gets_no_further_part() -> None:
     handshake = ready()
-    for number in range(1, MOST_WAITING + 1):
+    for number in range(1, MAX_WAITING + 1):
         accepted(handshake, number, trigger_id=number)
         tell(handshake, PartAnnounced(result(number), 1.0))
     assert Status.READY not in status(handshake)
@@ -338,7 +338,7 @@ def test_a_plc_that_triggers_gets_the_results_of_its_own_parts_alone() -> None:
 
 def test_a_plc_that_does_not_trigger_gets_all_results_and_the_last_ones_if_it_is_away() -> None:
     handshake = ready(is_trigger=False)
-    for number in range(1, MOST_WAITING + 4):
+    for number in range(1, MAX_WAITING + 4):
         tell(handshake, PartBegun("x", number))
         assert status(handshake) & (Status.EXPOSURE_COMPLETE | Status.BUSY) == Status.BUSY
         assert shown(handshake)["number"] == number

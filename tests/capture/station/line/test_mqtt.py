@@ -15,7 +15,7 @@ import pytest
 from pydantic import ValidationError
 
 from capture.station.domain.interface_config import MqttConfig
-from capture.station.line.mqtt import MOST_WAITING, MqttPublisher
+from capture.station.line.mqtt import MAX_WAITING, MqttPublisher
 from capture.station.run.events import PartAnnounced, RecipeLoaded, StateChanged
 from capture.station.run.states import Change, State
 from tests.capture.station.line.broker import Broker, mqtt_broker
@@ -166,7 +166,7 @@ def test_a_wrong_password_is_logged_once(broker: Broker) -> None:
 @pytest.mark.mqtt
 def test_the_oldest_results_are_dropped_while_the_broker_is_away(broker: Broker) -> None:
     said: list[str] = []
-    last = MOST_WAITING + 50
+    last = MAX_WAITING + 50
     with publisher(broker, said) as mqtt:
         for event in announced(*range(1, last + 1)):
             mqtt.tell(*published(event))

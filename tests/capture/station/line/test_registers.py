@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture.station.domain.interface_config import ModbusConfig
-from capture.station.line.handshake import MOST_WAITING
+from capture.station.line.handshake import MAX_WAITING
 from capture.station.line.registers import (
     PLC,
     PLC_ADDRESS,
@@ -55,7 +55,7 @@ def test_values_come_back_from_their_words(
 def test_every_bit_and_code_has_a_meaning() -> None:
     assert all(bit.meaning for bit in (*Status, *Command))
     assert all(code.meaning for code in Refusal)
-    assert Refusal.RESULTS_WAITING.meaning.startswith(f"{MOST_WAITING} results")
+    assert Refusal.RESULTS_WAITING.meaning.startswith(f"{MAX_WAITING} results")
 
 
 def test_a_recipe_has_one_position() -> None:

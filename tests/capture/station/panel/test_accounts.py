@@ -15,14 +15,14 @@ from capture.station.domain.folder import make_station
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
 from capture.station.domain.tokens import Tokens
-from capture.station.domain.users import LONGEST_PASSWORD, Users
+from capture.station.domain.users import MAX_PASSWORD_LENGTH, Users
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
 from capture.station.panel.sessions import (
     FAILURES_OF_A_NAME,
     IDLE_S,
-    LONGEST_S,
-    MOST_SESSIONS,
+    MAX_SESSION_S,
+    MAX_SESSIONS,
     Sessions,
 )
 from classify.base.errors import InputError
@@ -56,7 +56,7 @@ def test_a_password_is_the_same_however_it_is_typed(folder: Path) -> None:
 
 
 def test_the_normal_form_of_a_password_is_bounded(folder: Path) -> None:
-    users, accents = Users(folder), LONGEST_PASSWORD * "e\u0301"
+    users, accents = Users(folder), MAX_PASSWORD_LENGTH * "e\u0301"
     users.put("ada", Role.ENGINEER, accents)
     assert users.verified("ada", accents) is not None
     assert users.verified("ada", accents + "x") is None
@@ -70,7 +70,7 @@ def test_a_password_that_no_encoding_holds_is_refused(folder: Path) -> None:
     assert users.verified("ada", "\ud800") is None
 
 
-@pytest.mark.parametrize("password", ["", "7 chars", (LONGEST_PASSWORD + 1) * "x"])
+@pytest.mark.parametrize("password", ["", "7 chars", (MAX_PASSWORD_LENGTH + 1) * "x"])
 def test_a_password_has_bounds(folder: Path, password: str) -> None:
     with pytest.raises(InputError, match=f"this one has {len(password)}"):
         Users(folder).put("ada", Role.ENGINEER, password)
@@ -167,12 +167,12 @@ def test_sessions_end_by_time_and_their_number_is_bounded(folder: Path) -> None:
     now_s[0] = IDLE_S + 1
     assert sessions.find(idle) is None
     busy = sessions.begin(user)
-    while now_s[0] < LONGEST_S + 3 * IDLE_S:
+    while now_s[0] < MAX_SESSION_S + 3 * IDLE_S:
         found = sessions.find(busy)
         now_s[0] += IDLE_S / 2
     assert found is None
     first = sessions.begin(user)
-    for _ in range(MOST_SESSIONS):
+    for _ in range(MAX_SESSIONS):
         now_s[0] += 0.001
         sessions.begin(user)
     assert sessions.find(first) is None
@@ -191,8 +191,8 @@ def test_a_session_outlives_the_panel_and_has_the_present_role(folder: Path) -> 
     ada, kim = (sessions.begin(user) for user in users.all())
     before = sessions.find(kim)
     assert restarted(folder).find(kim) == before
-    assert restarted(folder, LONGEST_S).find(kim) == before
-    assert restarted(folder, LONGEST_S + 1.0).find(kim) is None
+    assert restarted(folder, MAX_SESSION_S).find(kim) == before
+    assert restarted(folder, MAX_SESSION_S + 1.0).find(kim) is None
     after = restarted(folder)
     other = after.find(ada)
     assert other.csrf != before.csrf
@@ -237,7 +237,7 @@ def test_a_session_that_somebody_ended_stays_ended_after_a_restart(folder: Path)
     for panel in (sessions, restarted(folder)):
         assert panel.find(ended) is None
         assert panel.find(other) is not None
-    later = Sessions(folder, users, lambda: LONGEST_S + 1.0)
+    later = Sessions(folder, users, lambda: MAX_SESSION_S + 1.0)
     later.end(later.begin(user))
     assert len(json.loads((folder / "sessions.json").read_text())["ended"]) == 1
 

@@ -25,7 +25,7 @@ from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel.filters import selection_of
 from capture.station.panel.security import Denied
-from capture.station.panel.triggering import MOST_WAITING, KeyedTriggers
+from capture.station.panel.triggering import MAX_WAITING, KeyedTriggers
 from capture.station.results.history import HistoryEntry
 from capture.station.results.schema import overrides
 from capture.station.results.store import BegunPart, ResultStore
@@ -198,8 +198,8 @@ def test_few_triggers_wait_for_a_station_that_does_not_answer() -> None:
         return Refused("busy")
 
     triggers = KeyedTriggers(SimpleNamespace(submit=submit), SimpleNamespace())
-    with ThreadPoolExecutor(MOST_WAITING) as clients:
-        for _ in range(MOST_WAITING):
+    with ThreadPoolExecutor(MAX_WAITING) as clients:
+        for _ in range(MAX_WAITING):
             clients.submit(triggers.submit, None, Trigger("http"))
             assert asked.acquire(timeout=60)
         with pytest.raises(Denied):

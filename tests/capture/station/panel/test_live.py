@@ -28,7 +28,7 @@ from capture.station.run.events import (
     Warned,
 )
 from capture.station.run.live_station import LiveStation
-from capture.station.run.live_view import MOST_WAITING
+from capture.station.run.live_view import MAX_WAITING
 from capture.station.run.self_test import SelfTestFailed
 from capture.station.run.states import Change, State
 from capture.station.run.triggers import Refusal, Trigger
@@ -197,11 +197,11 @@ def test_the_end_of_the_run_ends_streams_and_the_server(
 def test_a_subscriber_that_takes_nothing_loses_events_and_learns_how_many() -> None:
     live = live_station()
     subscription = live.subscribe()
-    for number in range(MOST_WAITING + 10):
+    for number in range(MAX_WAITING + 10):
         live.announce({"event": "filler", "number": number})
     events, lost = subscription.take()
-    assert (len(events), lost) == (10, MOST_WAITING)
-    assert events[-1].fields["number"] == MOST_WAITING + 9
+    assert (len(events), lost) == (10, MAX_WAITING)
+    assert events[-1].fields["number"] == MAX_WAITING + 9
     assert subscription.take() == ([], 0)
 
 

@@ -14,7 +14,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.panel import pictures_api
 from capture.station.panel.part_pictures import picture_maker
 from capture.station.panel.part_pictures.painting import PaintedPicture
-from capture.station.panel.part_pictures.picture_maker import MOST_WAITING
+from capture.station.panel.part_pictures.picture_maker import MAX_WAITING
 from capture.station.results.history import Selection
 from capture.station.results.removals import record_removals
 from rig.set_file import pixels_sha256
@@ -142,15 +142,15 @@ def test_pictures_are_made_once_for_all_who_ask_and_a_full_queue_says_so(
     path, maker = set_file(panel, part_id), panel.panel.pictures
     future = maker.ask(result, path, "small")
     assert maker.ask(result, path, "small") is future
-    others = [replace(result, part_id=f"other-{number}") for number in range(MOST_WAITING)]
+    others = [replace(result, part_id=f"other-{number}") for number in range(MAX_WAITING)]
     asked = [maker.ask(other, path, "small") for other in others]
-    assert [each is None for each in asked] == [False] * (MOST_WAITING - 1) + [True]
+    assert [each is None for each in asked] == [False] * (MAX_WAITING - 1) + [True]
     full = panel.local.get(f"/api/v1/parts/{part_id}/pictures?size=large")
     assert (full.status, full.headers["retry-after"]) == (503, "2")
     assert panel.local.get("/api/v1/state").status == 200  # other requests are served
     going_on.set()
     assert future.result(60).pictures == {}
-    assert len(made) <= MOST_WAITING
+    assert len(made) <= MAX_WAITING
 
 
 def test_the_memory_of_kept_pictures_is_bounded(
@@ -195,7 +195,7 @@ def test_pictures_that_take_too_long_are_an_answer_to_be_tried_again(
 ) -> None:
     (part_id,) = panel.parts(1)
     going_on = threading.Event()
-    monkeypatch.setattr(pictures_api, "LONGEST_WAIT_S", 0.05)
+    monkeypatch.setattr(pictures_api, "MAX_WAIT_S", 0.05)
     monkeypatch.setattr(picture_maker, "made_pictures", lambda *_: going_on.wait(60))
     answer = panel.local.get(f"/api/v1/parts/{part_id}/pictures")
     going_on.set()

@@ -23,11 +23,11 @@ from capture.station.domain.roles import Role
 from capture.station.domain.users import Users
 from capture.station.panel import event_stream, listening, security, server
 from capture.station.panel.security import MAX_BODY_BYTES, BodyLimit, HostRule, Slots
-from capture.station.panel.server import MAX_CONNECTIONS, MOST_OF_AN_ADDRESS, REFUSED_S
+from capture.station.panel.server import MAX_CONNECTIONS, MAX_CONNECTIONS_OF_AN_ADDRESS, REFUSED_S
 from capture.station.panel.sessions import (
     FAILURES_OF_A_NAME,
     FAILURES_OF_AN_ADDRESS,
-    MOST_TRYING,
+    MAX_LOGINS_AT_ONCE,
     LoginLimit,
 )
 from capture.station.results.audit import newest_changes
@@ -361,7 +361,7 @@ def test_a_client_that_does_not_read_is_cut_off(
 
 
 def test_the_connections_of_one_address_leave_room_for_others(panel: RunningPanel) -> None:
-    idle = [connected(panel, "127.0.0.2") for _ in range(MOST_OF_AN_ADDRESS)]
+    idle = [connected(panel, "127.0.0.2") for _ in range(MAX_CONNECTIONS_OF_AN_ADDRESS)]
     try:
         began_s = time.monotonic()
         with connected(panel, "127.0.0.2") as raw, suppress(ConnectionError):
@@ -398,7 +398,7 @@ def test_streams_that_are_asked_for_at_once_have_one_limit(
 def test_the_oldest_stream_of_one_client_ends(
     with_users: RunningPanel, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(event_stream, "MOST_OF_ONE", 2)
+    monkeypatch.setattr(event_stream, "MAX_STREAMS_OF_ONE_CLIENT", 2)
     tokens = [with_users.client(role).headers["Authorization"] for role in Role]
     with ExitStack() as open_streams:
 
@@ -423,7 +423,7 @@ def test_the_oldest_stream_of_one_client_ends(
 
 def test_many_idle_connections_leave_room_for_no_more(panel: RunningPanel) -> None:
     idle = [
-        connected(panel, f"127.0.0.{2 + number // MOST_OF_AN_ADDRESS}")
+        connected(panel, f"127.0.0.{2 + number // MAX_CONNECTIONS_OF_AN_ADDRESS}")
         for number in range(MAX_CONNECTIONS)
     ]
     try:
@@ -497,7 +497,7 @@ def test_few_passwords_wait_and_further_logins_are_answered_at_once(
 ) -> None:
     """A flood of logins takes few of the threads that serve pages."""
     with ExitStack() as waiting:
-        for number in range(MOST_TRYING):
+        for number in range(MAX_LOGINS_AT_ONCE):
             waiting.enter_context(with_users.panel.logins.attempt("ada", f"192.0.2.{number}"))
         answer = with_users.local.log_in("operator")
         assert (answer.status, answer.headers["retry-after"]) == (503, "2")

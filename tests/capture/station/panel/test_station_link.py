@@ -28,9 +28,9 @@ from capture.station.results.part_id import require_given_part_id
 from capture.station.results.store import open_store
 from capture.station.run import live_socket
 from capture.station.run.events import PartAnnounced, PartBegun, RecipeLoaded, StateChanged
-from capture.station.run.live_socket import MOST_PANELS, MOST_REQUEST_BYTES, serving_live
+from capture.station.run.live_socket import MAX_PANELS, MAX_REQUEST_BYTES, serving_live
 from capture.station.run.live_station import LiveStation
-from capture.station.run.live_view import MOST_WAITING, STATE, Subscription
+from capture.station.run.live_view import MAX_WAITING, STATE, Subscription
 from capture.station.run.states import Change, State
 from capture.station.run.station_state import StationState
 from capture.station.run.triggers import (
@@ -360,7 +360,7 @@ def test_only_the_user_of_the_run_may_follow_it(
 
 
 def send_much(live: LiveStation, link: StationLink) -> None:
-    for number in range(5 * MOST_WAITING):
+    for number in range(5 * MAX_WAITING):
         live.announce({"event": "filler", "number": number, "text": "x" * 2000})
         if number % 50 == 0:  # a station makes no hundred parts at once
             until(lambda: same(link, live))
@@ -385,9 +385,9 @@ def test_a_panel_that_reads_nothing_is_cut(
         send_much(live, link)
         until(lambda: live.snapshot().subscribers == 1)
         with stopped.makefile("rb") as lines:
-            assert len(list(lines)) < 5 * MOST_WAITING
+            assert len(list(lines)) < 5 * MAX_WAITING
         with connected(folder) as again, again.makefile("rb") as lines:
-            assert json.loads(lines.readline())["snapshot"]["event_id"] == 5 * MOST_WAITING
+            assert json.loads(lines.readline())["snapshot"]["event_id"] == 5 * MAX_WAITING
 
 
 def test_a_panel_that_leaves_while_the_run_looks_for_its_own_end_is_let_go(
@@ -416,15 +416,15 @@ def test_a_panel_that_leaves_while_the_run_looks_for_its_own_end_is_let_go(
 def test_panels_and_lines_are_bounded(folder: StationFolder) -> None:
     with running(folder) as live, connected(folder) as first:
         until(lambda: live.snapshot().subscribers == 1)
-        first.sendall(b"x" * (2 * MOST_REQUEST_BYTES))
+        first.sendall(b"x" * (2 * MAX_REQUEST_BYTES))
         until(lambda: live.snapshot().subscribers == 0)
         for line in (b"{}\n", b'{"id": 1, "call": "stop", "arguments": []}\n', b"\xff\n"):
             with connected(folder) as connection:
                 until(lambda: live.snapshot().subscribers == 1)
                 connection.sendall(line)
                 until(lambda: live.snapshot().subscribers == 0)
-        links = [StationLink(folder) for _ in range(MOST_PANELS)]
-        until(lambda: live.snapshot().subscribers == MOST_PANELS)
+        links = [StationLink(folder) for _ in range(MAX_PANELS)]
+        until(lambda: live.snapshot().subscribers == MAX_PANELS)
         with connected(folder) as connection:
             assert connection.recv(1) == b""
         for link in links:

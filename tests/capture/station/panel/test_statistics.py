@@ -25,7 +25,7 @@ from capture.station.domain.verdict import Decision
 from capture.station.judge.gauge.gauge import GaugeStudy, Presentation
 from capture.station.judge.gauge.gauge_report import GaugeReport
 from capture.station.panel import charts
-from capture.station.panel.panel import MOST_RECKONING
+from capture.station.panel.panel import MAX_RECKONING
 from capture.station.panel.statistics import gauge_of
 from capture.station.results.history import Selection
 from classify.base.errors import InputError
@@ -75,7 +75,7 @@ def statistics_of(panel: RunningPanel, query: str = "") -> dict[str, Any]:
 
 def test_few_statistics_are_made_at_a_time(filled: RunningPanel) -> None:
     with ExitStack() as others:
-        for _ in range(MOST_RECKONING):
+        for _ in range(MAX_RECKONING):
             others.enter_context(filled.panel.reckoning.taken())
         calls = ("parts.csv", "statistics", "statistics/yield.png")
         for path in ("/statistics", *(f"/api/v1/{call}" for call in calls)):

@@ -7,7 +7,7 @@ from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.history import Selection
 from capture.station.results.part_result import DefectRecord
 from capture.station.results.statistics import (
-    MOST_PERIODS,
+    MAX_PERIODS,
     Choices,
     choices,
     counted_causes,
@@ -126,7 +126,7 @@ def test_a_clock_that_jumps_leaves_the_answer_bounded(store: ResultStore) -> Non
         object.__setattr__(part, "triggered_utc", utc)
     fill(store, parts)
     found = counted_periods(store, PRODUCTION, UTC)
-    assert len(found) == MOST_PERIODS
+    assert len(found) == MAX_PERIODS
     assert found[-1].begin == "1999-01"
 
 

@@ -15,7 +15,7 @@ WAIT_S = 60.0
 
 
 def test_an_event_never_waits_for_its_subscriber(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live_station, "MOST_EVENTS", 3)
+    monkeypatch.setattr(live_station, "MAX_EVENTS", 3)
     go_on, told = threading.Event(), list[Event]()
     live = LiveStation("line-1", simulated=True)
 
@@ -44,7 +44,7 @@ def test_an_event_never_waits_for_its_subscriber(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_subscriber_does_not_wait_for_itself(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(live_station, "MOST_EVENTS", 0)
+    monkeypatch.setattr(live_station, "MAX_EVENTS", 0)
     told = threading.Event()
     live = LiveStation("line-1", simulated=True)
 

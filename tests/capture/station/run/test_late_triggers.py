@@ -14,7 +14,7 @@ from capture.station.domain.verdict import Cause, Decision
 from capture.station.results.store import BegunPart
 from capture.station.run.cycle import Station
 from capture.station.run.events import PartAnnounced, PartRecovered, TriggerRefused
-from capture.station.run.refusals import MOST_WAITING
+from capture.station.run.refusals import MAX_WAITING
 from capture.station.run.station_clock import StationClock
 from capture.station.run.triggers import Accepted, Answer, Refusal, Refused, Trigger
 from tests.capture.station.stations import Bench, Manual, bench, one_after_the_other
@@ -132,13 +132,13 @@ def test_a_flood_of_refused_triggers_is_counted_in_few_rows(station: Bench) -> N
     def feed(target: Station) -> None:
         until_ready(target)
         with locked(station):
-            for _ in range(MOST_WAITING + 57):
+            for _ in range(MAX_WAITING + 57):
                 target.refuse(Trigger("modbus", "A-1\n\x1b[2J\ud800" + 60_000 * "x"), "busy")
 
     station.run(Manual(feed))
     events = station.of(TriggerRefused)
-    assert MOST_WAITING < len(events) <= MOST_WAITING + 2
+    assert MAX_WAITING < len(events) <= MAX_WAITING + 2
     assert refused_triggers(station) == len(events)
     assert all(len(event.part_id or "") <= 200 for event in events)
     assert all((event.part_id or "x").isprintable() for event in events)
-    assert sum(event.triggers for event in events) == MOST_WAITING + 57
+    assert sum(event.triggers for event in events) == MAX_WAITING + 57

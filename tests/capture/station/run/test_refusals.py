@@ -7,10 +7,10 @@ import pytest
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.store import RefusedTrigger
 from capture.station.run.events import TriggerRefused
-from capture.station.run.refusals import MOST_WAITING, Refusals
+from capture.station.run.refusals import MAX_WAITING, Refusals
 from capture.station.run.triggers import Trigger
 
-MORE = MOST_WAITING + 57
+MORE = MAX_WAITING + 57
 
 
 class BusyStore:
@@ -34,14 +34,14 @@ def test_what_comes_while_rows_are_written_is_counted(is_away: bool) -> None:
     events: list[TriggerRefused] = []
     waiting = Refusals(events.append, lambda _: None)
     store = BusyStore(is_away=is_away)
-    for _ in range(MOST_WAITING):
+    for _ in range(MAX_WAITING):
         waiting.add(Trigger("modbus", "A-1"), "busy")
     with waiting.recording(store, lambda: False):  # type: ignore[arg-type]
         assert store.is_asked.wait(60.0)
-        for _ in range(MORE - MOST_WAITING):
+        for _ in range(MORE - MAX_WAITING):
             waiting.add(Trigger("modbus", "A-1"), "busy")
         store.is_flood_over.set()
     assert sum(event.triggers for event in events) == MORE
     assert {event.recorded for event in events} == {not is_away}
     assert len(store.rows) == (0 if is_away else len(events))
-    assert len(events) == MOST_WAITING + 1
+    assert len(events) == MAX_WAITING + 1

@@ -15,7 +15,7 @@ from capture.station.run.events import PartAnnounced, TriggerRefused
 from capture.station.run.live_station import LiveStation
 from capture.station.run.outcome import PartJudge
 from capture.station.run.station_rig import StationRig
-from capture.station.run.triggers import MOST_RECORDED, PartSensor, Refused, SensorTrigger, Trigger
+from capture.station.run.triggers import MAX_RECORDED, PartSensor, Refused, SensorTrigger, Trigger
 from rig import RigConfig, Simulation
 from tests.capture.station.stations import Bench, bench, small_set
 
@@ -121,11 +121,11 @@ def test_parts_that_pass_while_the_rig_is_opened_again_are_missed(
 def test_missed_parts_beyond_a_bound_share_a_row(
     line: Line, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    missed = [MOST_RECORDED + 7]
+    missed = [MAX_RECORDED + 7]
     monkeypatch.setattr(line.rig, "missed_parts", lambda: missed.pop() if missed else 0)
     line.run(1)
     reasons = [event.reason for event in line.bench.of(TriggerRefused)]
-    assert len(reasons) == MOST_RECORDED + 1
+    assert len(reasons) == MAX_RECORDED + 1
     assert reasons[-1].startswith("parts that passed the sensor")
     assert reasons[-1].endswith(": 7")
 

@@ -97,7 +97,7 @@ def test_a_network_that_is_too_slow_for_the_frames_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rmem_max = tmp_path / "rmem_max"
-    monkeypatch.setattr(genicam_camera, "LARGEST_BUFFER", rmem_max)
+    monkeypatch.setattr(genicam_camera, "MAX_BUFFER_FILE", rmem_max)
     rmem_max.write_text("8000000\n")
 
     def faults(camera: CameraInfo) -> list[str]:
