@@ -17,7 +17,7 @@ from .solvers.solver import photometric_stereo
 # occur.
 _LONGER_SIDE_PX, _SLOPE, _PERIOD_PX = 128, 0.3, 7.3
 # Brightest value of the part as a share of full scale: the exposure that the doctor proposes.
-_BRIGHTEST = 0.8
+_BRIGHTEST_SHARE = 0.8
 _DRAWS = 4  # random draws of the errors that the calibration states
 _STEPS = ("response", "flat_field", "lights")
 
@@ -86,7 +86,7 @@ class _Part:
     def _images(self) -> tuple[Floats, Floats]:
         """(N, H, W) light images and (H, W) ambient image as shares of full scale."""
         light = self.sheet * self._shading()
-        light *= _BRIGHTEST / light.max()
+        light *= _BRIGHTEST_SHARE / light.max()
         dark, response = self.calibration.dark, self.calibration.response
         level = 0.0 if dark is None else (dark.offset + (dark.ambient or 0.0)) / dark.full_scale
         ambient = np.full(self.slopes.shape[1:], level)

@@ -160,7 +160,7 @@ _GROUPS = 4
 _GROUP_SAMPLES = 256
 # One pixel in this many counts as level. In the flattest tenth of a rock slopes reach 0.3, and
 # highlights no longer cancel (test_gloss_is_not_taken_for_noise).
-_FLATTEST = 32
+_LEVEL_PIXEL_DIVISOR = 32
 # At this distance demosaicing and image compression do not correlate the noise.
 _APART_PX = 2
 # Standard normal deviates: of the tenth with the smallest residuals, and 3 sigma of chi-squared
@@ -283,7 +283,7 @@ def noise_of_images(stack: ImageStack, gains: FloatMap, lighting: Lighting) -> f
 
 def _flattest(values: FloatMap, lighting: Lighting) -> BoolArray | None:
     """Which of the pixels (N, n) have the smallest slopes; None if there are too few pixels."""
-    count = max(values.shape[1] // _FLATTEST, _GROUP_SAMPLES)
+    count = max(values.shape[1] // _LEVEL_PIXEL_DIVISOR, _GROUP_SAMPLES)
     if values.shape[1] <= count:
         return None
     x, y, z = np.linalg.pinv(lighting.directions).astype(np.float32) @ values

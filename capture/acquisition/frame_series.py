@@ -23,8 +23,8 @@ from .fresh_frames import RepeatDetector, check_frame
 # the lower seventh of its values.
 _RATIOS = (*[1.12] * 6, *[1.25] * 5, *[1.6] * 5)
 # Divisor of the exposure while more than half of the frame is saturated.
-_SHORTER = 1.4
-_SATURATED = 0.5
+_EXPOSURE_DIVISOR = 1.4
+_MAX_SATURATED_SHARE = 0.5
 # Hot pixels are those beyond the noise of one frame, which 16 frames average away.
 _DARK_FRAMES = 16
 # Frames at each exposure. Their differences show the noise, with three degrees of freedom.
@@ -107,9 +107,9 @@ def ladder_ms(rig: Rig, light: int) -> list[float]:
     top_ms, full = longest_ms, (1 << rig.camera.info.bit_depth) - 1
     while top_ms > shortest_ms:
         (frame,) = frames_at(rig, light, top_ms, 1)
-        if float((frame >= full).mean()) <= _SATURATED:
+        if float((frame >= full).mean()) <= _MAX_SATURATED_SHARE:
             break
-        top_ms = max(shortest_ms, top_ms / _SHORTER)
+        top_ms = max(shortest_ms, top_ms / _EXPOSURE_DIVISOR)
     below = top_ms / np.cumprod((1.0, *_RATIOS))
     return [exposure_ms for exposure_ms in below.tolist() if exposure_ms >= shortest_ms]
 

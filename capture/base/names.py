@@ -10,7 +10,7 @@ from classify.methods import checked_label
 
 SET_SUFFIX = ".ome.tif"
 """End of the name of a captured set."""
-# A page of text; a longer story belongs into a file of its own.
+# A page of text; longer notes belong in a file of their own.
 _MAX_CHARACTERS = 4000
 NAME_PATTERN = "^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
 

@@ -71,7 +71,7 @@ def settle_station() -> None:
     bind_workers()
 
 
-_LOWEST = 19
+_LOWEST_PRIORITY = 19
 
 
 def yield_processors() -> None:
@@ -80,7 +80,7 @@ def yield_processors() -> None:
     Call it before the process starts threads.
     """
     if hasattr(os, "setpriority"):
-        os.setpriority(os.PRIO_PROCESS, 0, _LOWEST)
+        os.setpriority(os.PRIO_PROCESS, 0, _LOWEST_PRIORITY)
     if hasattr(os, "SCHED_IDLE"):  # gives way at once; the lowest priority goes on for up to 3 ms
         with suppress(OSError):  # a sandbox may forbid it
             os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))

@@ -18,10 +18,10 @@ from .lookup import OLD_DAYS
 from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
 from .setting import PartName
 
-# A difference of three standard errors is no chance: normal errors reach it once in 370.
-_FACTOR = 3.0
+# A difference of three standard errors counts as real: normal errors reach it once in 370 times.
+_STANDARD_ERRORS = 3.0
 # An error that is estimated from ten residuals is itself known to 20 %.
-_WORSE = 1.25
+_MAX_ERROR_RATIO = 1.25
 # Smallest differences that count. Standard errors lack the errors of a target and of its place,
 # such as a board 10 mm too high at 1 m, and those of warm lights.
 _FLOOR_SCALE, _FLOOR_FOCAL, _FLOOR_DISTANCE = 0.01, 0.02, 0.03
@@ -29,8 +29,8 @@ _FLOOR_DIRECTION_DEG = 1.0
 _FLOOR_FLAT_FIELD, _FLOOR_RESPONSE = 0.05, 0.02
 _FLOOR_GAIN, _FLOOR_NOISE, _FLOOR_OFFSET = 0.05, 0.25, 0.005
 _POSITIONS = "positions"  # without them, near lights have wrong directions at the frame's edge
-# Places of a side of the frame at which flat fields are compared.
-_PLACES = 9
+# Points along each side of the frame at which flat fields are compared.
+_COMPARED_POINTS = 9
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
     if lost is not None:
         return f"it has {lost}, which the new one lacks"
     before, now = (_ERRORS[new.name](part) for part in (present, measured))
-    if now <= max(_WORSE * before, _SMALL[new.name]) or gained == _POSITIONS:
+    if now <= max(_MAX_ERROR_RATIO * before, _NEGLIGIBLE_ERRORS[new.name]) or gained == _POSITIONS:
         return None
     return f"its error is {before:.2g}, that of the new one {now:.2g}"
 
@@ -124,12 +124,12 @@ def _present_part(file: CalibrationFile, new: MeasuredPart) -> _RecordedPart | N
 
 
 def _other_camera_setting(file: CalibrationFile, new: MeasuredPart) -> bool:
-    anywhere = file.records["dark"].setting.model_copy(update={"exposure_ms": None})
-    return bool(anywhere.differences(new.record.setting, "dark"))
+    any_exposure = file.records["dark"].setting.model_copy(update={"exposure_ms": None})
+    return bool(any_exposure.differences(new.record.setting, "dark"))
 
 
 def _limit(floor: float, *errors: float) -> float:
-    return max(floor, _FACTOR * math.hypot(*errors))
+    return max(floor, _STANDARD_ERRORS * math.hypot(*errors))
 
 
 def _relative_change(present: float, measured: float) -> float:
@@ -185,7 +185,7 @@ def _flat_field(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Di
     setting = present.record.setting
     longer = max(setting.width_px, setting.height_px)
     x, y = (
-        np.linspace(-side / longer, side / longer, _PLACES)
+        np.linspace(-side / longer, side / longer, _COMPARED_POINTS)
         for side in (setting.width_px, setting.height_px)
     )
     before: FlatField = present.part
@@ -252,7 +252,7 @@ _ERRORS: dict[PartName, Callable[[_RecordedPart], float]] = {
     "scale": lambda part: float(part.part.error),
 }
 # Errors too small to change the normals and lengths of a part.
-_SMALL: dict[PartName, float] = {
+_NEGLIGIBLE_ERRORS: dict[PartName, float] = {
     "dark": 0.0, "response": 5e-4, "noise": 5e-3, "flat_field": 1e-3, "lights": 2e-3, "scale": 5e-4,
 }  # fmt: skip
 # Extra data of a part, and whether a part has them.

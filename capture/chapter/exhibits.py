@@ -253,7 +253,7 @@ def _against_textons(results: Results) -> Exhibit:
 # Share of the pixels of sand in shadow of a light at tilt 0, in percent, by slant: figure 9.3.
 _THESIS_SAND_SHADOW_PCT = {40: 1.0, 50: 7.0, 60: 19.0, 70: 37.0, 80: 61.0}
 
-_SHOWN = (TRUTH, *SOLVERS)
+_SHOWN_SOLVERS = (TRUTH, *SOLVERS)
 _SLANT = f"{SAND_SLANT_DEG:g}"
 
 
@@ -265,7 +265,7 @@ def _surface_exhibits(results: Results) -> Iterator[Exhibit]:
     yield _polar("figure_9_05", results, ("ps3a", "ps3b", "ps3c", "ps3d"))
     shares: list[Row] = [
         (name, *(100.0 * float((maps.shadows[name] == count).mean()) for count in range(5)))
-        for name in _SHOWN
+        for name in _SHOWN_SOLVERS
     ]
     columns = ("map", *(f"{count}_lights_pct" for count in range(5)))
     scale = plots.Scale((0.0, 4.0), "cividis", "lights in shadow")
@@ -373,6 +373,6 @@ def _maps(
     if errors is not None:
         values["gain_ps4"] = f"{errors['ps3a'] / errors['ps4']:.1f}"
         values["gain_best"] = f"{errors['ps3a'] / errors[BEST_SOLVER]:.1f}"
-    shown = [(SOLVER_TITLES[name], maps[name]) for name in _SHOWN]
+    shown = [(SOLVER_TITLES[name], maps[name]) for name in _SHOWN_SOLVERS]
     draw = partial(plots.draw_maps, maps=shown, scale=scale)
     return Exhibit(key, columns, rows, draw, (11.0, 3.0), digits, values)

@@ -25,7 +25,7 @@ from .views import MapKind, unit_text
 
 _Maps = dict[str, tuple[FloatMap, str]]  # with the unit of each
 # Fields of a setting that say which rig it is; the others are settings.
-_OF_THE_RIG = ("rig_name", "camera", "light_directions", "led_levels_percent")
+_RIG_FIELDS = ("rig_name", "camera", "light_directions", "led_levels_percent")
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +91,7 @@ def _set(path: Path, loaded: LoadedSet) -> _Side:
 def _facts_of_set(captured: CapturedSet) -> dict[str, dict[str, Any]]:
     metadata = captured.metadata
     setting = captured.setting.model_dump(mode="json")
-    rig = {name: setting.pop(name) for name in _OF_THE_RIG}
+    rig = {name: setting.pop(name) for name in _RIG_FIELDS}
     rig["led_intensities"] = np.round(captured.lighting.intensities, 4).tolist()
     if metadata.controller is not None:
         rig["controller"] = asdict(metadata.controller)
@@ -254,7 +254,7 @@ def _correlation(one: Floats, other: Floats) -> float:
 
 # Slopes of a part that did not move correlate by 0.9 and more in noise; a shift of 3 px across the
 # relief leaves less than 0.6 on the four textures of the thesis (tests/capture/comparison).
-_ALIGNED = 0.7
+_MIN_CORRELATION = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -273,7 +273,7 @@ class Comparison:
     def is_aligned(self) -> bool:
         """Whether the slopes correlate, as for a part that was not moved."""
         slopes = [self.maps[name].correlation for name in ("p", "q") if name in self.maps]
-        return bool(slopes) and min(slopes) >= _ALIGNED
+        return bool(slopes) and min(slopes) >= _MIN_CORRELATION
 
     def as_json(self) -> dict[str, Any]:
         return {

@@ -255,7 +255,7 @@ def write_maps(
     for path in (folder / name for name in names):
         if is_input(path, inputs):
             raise InputError(f"{path}: is an input of this command; choose another folder")
-    with durable_folder(folder, names, first=_PAGE) as temporary:
+    with durable_folder(folder, names, marker=_PAGE) as temporary:
         for kind in tiffs:
             _write_map(temporary / f"{kind.name}.tif", kind, maps, origin)
         for kind in masks:

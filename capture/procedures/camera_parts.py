@@ -23,9 +23,9 @@ from classify.calibration.photon_transfer import (
 )
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
-_ROUNDED_AWAY = 0.49
+_MIN_NOISE_DN = 0.49
 # Share of full scale up to which `ps4rig rig doctor` lets bright parts be exposed.
-_HIGH = 0.8
+_BRIGHT_SHARE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +41,14 @@ def dark_part(
 ) -> MeasuredPart:
     """Describe frames with the lens covered by the part made from them."""
     dark = replace(dark, exposure_ms=setting.exposure_ms)
-    full = dark.full_scale
+    full_scale = dark.full_scale
     hot = len(dark.hot_pixels)
     quality = (
-        f"The camera shows {dark.offset:.4g} of {full:g} in the dark, with a noise of "
+        f"The camera shows {dark.offset:.4g} of {full_scale:g} in the dark, with a noise of "
         f"{dark.noise:.3g} from frame to frame and {hot} hot pixel{'' if hot == 1 else 's'}."
     )
     if dark.ambient is not None:
-        quality += f" Ambient light adds {dark.ambient / full:.2%} of full scale."
+        quality += f" Ambient light adds {dark.ambient / full_scale:.2%} of full scale."
     figures = {
         "offset_dn": dark.offset,
         "noise_dn": dark.noise,
@@ -66,7 +66,7 @@ def dark_part(
             "its offset is lower and its noise larger than measured; raise its black level or "
             "brightness control if it has one"
         )
-    elif dark.noise < _ROUNDED_AWAY:
+    elif dark.noise < _MIN_NOISE_DN:
         warnings.append(
             f"rounding hides the noise ({dark.noise:.2g} in pixel values); a format with more bits "
             "would show it"
@@ -135,7 +135,7 @@ def rungs_of_photographs(
     ]
 
 
-def whole_stops(exposure_ms: float) -> float:
+def marked_exposure_ms(exposure_ms: float) -> float:
     """Return the nearest exposure at a whole number of thirds of a stop from one second."""
     return float(1e3 * 2.0 ** (round(3.0 * np.log2(exposure_ms / 1e3)) / 3.0))
 
@@ -157,10 +157,10 @@ def rungs_of_sets(sets: Sequence[CapturedSet], calibration: Calibration) -> list
         images.setdefault((camera.exposure_ms, full_scale), []).append(captured.images[light])
     bit_depth = first.bit_depth
     rungs = []
-    for (exposure_ms, full_scale), alike in images.items():
+    for (exposure_ms, full_scale), repeats in images.items():
         # An average of frames has less noise than the camera.
         averaged = full_scale != (1 << bit_depth) - 1
-        series = [image[None] for image in alike] if averaged else [np.stack(alike)]
+        series = [image[None] for image in repeats] if averaged else [np.stack(repeats)]
         rungs += [
             Rung(exposure_ms, levels_of(frames, full_scale, bit_depth, calibration))
             for frames in series
@@ -176,18 +176,18 @@ def _response(
     source: Sequence[str],
     warnings: Sequence[str],
 ) -> MeasuredPart:
-    response, full = ladder.response, 0.01 * full_scale
-    if not response.linear and ladder.highest < _HIGH * full_scale:
+    response, percent = ladder.response, 0.01 * full_scale
+    if not response.linear and ladder.highest < _BRIGHT_SHARE * full_scale:
         unseen = (
-            f"no level above {ladder.highest / full:.0f} % of full scale was seen, where the curve "
-            "is extrapolated: keep images below, or measure it with longer exposures or a wider "
-            "aperture"
+            f"no level above {ladder.highest / percent:.0f} % of full scale was seen, where the "
+            "curve is extrapolated: keep images below, or measure it with longer exposures or a "
+            "wider aperture"
         )
         warnings = [*warnings, unseen]
     if response.linear:
         quality = (
             f"The camera is linear: within {stated_error(ladder.departure, 2)} of full scale "
-            f"from {ladder.lowest / full:.0f} to {ladder.highest / full:.0f}%. Nothing is "
+            f"from {ladder.lowest / percent:.0f} to {ladder.highest / percent:.0f}%. Nothing is "
             "corrected."
         )
     else:

@@ -28,7 +28,7 @@ from classify.images import ImageStack
 # Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
 # four degrees of slant turn the normals by three (tests/evidence/calibration).
 _GOOD_DEG, _FAIR_DEG = 0.5, 2.0
-_OF_IMAGES: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
+_IMAGE_PARTS: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
 
 def images_of_photographs(
@@ -84,7 +84,7 @@ def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) ->
     """
     parts = {
         name: getattr(file.calibration, name)
-        for name in _OF_IMAGES
+        for name in _IMAGE_PARTS
         if name in file.records and not file.differences(name, setting)
     }
     calibration, full_scale = Calibration(**parts).at(setting.exposure_ms), sphere.full_scale
@@ -194,7 +194,7 @@ def _scale_part(
 # Relative errors of a length that the record calls good and fair.
 _GOOD, _FAIR = 0.002, 0.01
 # Share of the way to the frame's corners that the board should reach to show distortion.
-_COVERED = 0.6
+_MIN_COVERED_SHARE = 0.6
 
 
 def board_of_set(captured: CapturedSet) -> FloatMap:
@@ -247,7 +247,7 @@ def scale_part(
             f"the board is tilted by {fit.tilts_deg.min():.1f} degrees; its scale is that along "
             "the axis of the tilt"
         )
-    if fit.covered < _COVERED:
+    if fit.covered < _MIN_COVERED_SHARE:
         warnings.append(
             f"the board reaches {fit.covered:.0%} of the way to the corners of the frame; what "
             "the lens does farther out is not seen"

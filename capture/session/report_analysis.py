@@ -29,8 +29,8 @@ from .journal import SetEntry
 
 # Distances of patches of one texture are log-normal with this deviation (joint_learning.py). In
 # one of a hundred sessions the largest distance is beyond the limit by chance.
-_SPREAD = 0.43
-_CHANCE = 0.01
+_LOG_DISTANCE_SPREAD = 0.43
+_FALSE_ALARM_RATE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,8 +217,8 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
     repeated_shares = shares[~is_first]
     if not len(repeated_shares):
         return
-    deviations = NormalDist().inv_cdf(1.0 - _CHANCE / len(repeated_shares))
-    far = max(1.0, float(np.median(repeated_shares)) * math.exp(_SPREAD * deviations))
+    deviations = NormalDist().inv_cdf(1.0 - _FALSE_ALARM_RATE / len(repeated_shares))
+    far = max(1.0, float(np.median(repeated_shares)) * math.exp(_LOG_DISTANCE_SPREAD * deviations))
     for entry, row, share in zip(entries, separation.distances, shares, strict=True):
         nearest = names[int(np.nanargmin(row))]
         if math.isnan(share):

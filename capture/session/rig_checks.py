@@ -158,7 +158,7 @@ def _cause(error: OSError | subprocess.SubprocessError) -> str:
 # Each round makes a saturated image 2.5 times darker: six rounds reach 1/100 of the first exposure.
 _ROUNDS = 6
 # Below the shortest exposure of common cameras, 0.02 ms.
-_MIN_MS = 0.01
+_MIN_EXPOSURE_MS = 0.01
 
 
 def find_exposure_ms(config: RigConfig) -> float:
@@ -178,7 +178,7 @@ def find_exposure_ms(config: RigConfig) -> float:
         wanted_us = math.floor(1e3 * min(exposure_ms * rating.factor, longest_ms) + 1e-6)
         if rating.factor > 1.0 and wanted_us / 1e3 <= exposure_ms:
             return exposure_ms  # dark, but nothing longer fits into a frame
-        if wanted_us / 1e3 < max(shortest_ms, _MIN_MS):
+        if wanted_us / 1e3 < max(shortest_ms, _MIN_EXPOSURE_MS):
             break
         exposure_ms = wanted_us / 1e3
     raise InputError(

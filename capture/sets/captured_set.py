@@ -29,7 +29,7 @@ from classify.images import ImageStack
 
 from .metadata import SetMetadata, image_noise
 
-_OF_THE_CAMERA = {"exposure_ms", "gain", "gamma", "pixel_value_controls"}
+_CAMERA_FIELDS = {"exposure_ms", "gain", "gamma", "pixel_value_controls"}
 _REMEDY = "pass another one as calibration=, or raw=True for none"
 
 
@@ -239,7 +239,7 @@ def calibration_of(
 def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
     """Return the setting of a captured or imported set with images of `shape` (rows, columns)."""
     camera = metadata.camera
-    stated = {} if camera is None else camera.model_dump(include=_OF_THE_CAMERA)
+    stated = {} if camera is None else camera.model_dump(include=_CAMERA_FIELDS)
     name = None if camera is None or camera.kind == "replay" else f"{camera.kind} {camera.name}"
     lit = [record for record in metadata.images if record.light is not None]
     return Setting(

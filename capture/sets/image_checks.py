@@ -108,9 +108,9 @@ def _mean(image: Array) -> float:
 _SAME_IMAGE = 0.5
 # With this many well exposed images, mostly saturated ones are only a warning. 2 and 8 fail in
 # test_photograph_checks.py.
-_ENOUGH = 4
+_ENOUGH_IMAGES = 4
 # Names in one message.
-_LISTED = 3
+_MAX_LISTED_NAMES = 3
 
 
 @dataclass(frozen=True)
@@ -178,7 +178,7 @@ def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
             f"{images.full_scale}"
         )
         yield _Finding(
-            ImportCause.SATURATION, text, spoilt > 0 and len(saturated) - spoilt < _ENOUGH
+            ImportCause.SATURATION, text, spoilt > 0 and len(saturated) - spoilt < _ENOUGH_IMAGES
         )
     signals = {
         name: float(image[inside].mean()) - ambient
@@ -199,8 +199,12 @@ def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
 
 
 def _listed(names: Collection[str]) -> str:
-    first = ", ".join([*names][:_LISTED])
-    return first if len(names) <= _LISTED else f"{first} and {len(names) - _LISTED} more"
+    first = ", ".join([*names][:_MAX_LISTED_NAMES])
+    return (
+        first
+        if len(names) <= _MAX_LISTED_NAMES
+        else f"{first} and {len(names) - _MAX_LISTED_NAMES} more"
+    )
 
 
 def _detail(images: LightImages, explained: Floats) -> Iterator[_Finding]:

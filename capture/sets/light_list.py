@@ -30,7 +30,7 @@ _Vector = tuple[_Number, _Number, _Number]
 PHOTOGRAPH_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
 _QUOTES = "\"'"
 # Words in the names that others give to the keys of this format.
-_ALIKE = {
+_SIMILAR_KEYS = {
     "intensity": {
         "intensity", "intensities", "brightness", "strength", "strengths", "level", "levels",
         "power", "powers", "gain", "gains", "flux",
@@ -56,7 +56,7 @@ class _ImagesFile(BaseModel):
     images: tuple[_NamedLight, ...]
 
 
-_FORM = (
+_EXPECTED_FORM = (
     "not a list of lights; give [[x, y, z], ...] in the order of the images, or "
     '{"images": [{"file": name, "direction": [x, y, z]}, ...]}'
 )
@@ -67,7 +67,10 @@ _JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[_Vector, ...]] 
 
 @dataclass(frozen=True)
 class LightList:
-    """Light directions of a file, by names of images as the file has them, or in order."""
+    """Light directions of a file, by names of images as the file has them, or in order.
+
+    `places` say where each light is in the file, such as ``line 3``, for messages.
+    """
 
     source: Path
     names: Sequence[str]
@@ -107,7 +110,7 @@ class LightList:
                 first = images[rows.index(row)]
                 raise InputError(
                     f"{self.source}: {first} and {images[number]} both have the light of {place}; "
-                    "give one image a light"
+                    "list one image for each light"
                 )
             if fault := light_fault(self.vectors[row], (self.intensities or {row: 1.0})[row]):
                 raise InputError(f"{self.source}: {place}: the light {fault}")
@@ -123,10 +126,10 @@ class LightList:
         }
         if not shared:
             name = image.name.casefold()
-            alike = [
+            same_but_case = [
                 listed for listed in self.names if PureWindowsPath(listed).name.casefold() == name
             ]
-            hint = f", but for {alike[0]}; rename one of them" if alike else ""
+            hint = f", but for {same_but_case[0]}; rename one of them" if same_but_case else ""
             raise InputError(f"{self.source}: lists no light for {image.name}{hint}")
         rows = [row for row, parts in shared.items() if parts == max(shared.values())]
         if len(rows) > 1:
@@ -140,21 +143,22 @@ class LightList:
 
 def listed_files(source: Path, names: Sequence[str]) -> list[Path]:
     """Paths of the listed images: as written in the list, or beside the list."""
-    written = [_files(source.parent / name) for name in names]
-    beside = [_files(source.parent / PureWindowsPath(name).name) for name in names]
-    moved = not any(files for files, name in zip(written, names, strict=True) if "/" in name)
+    as_written = [_files(source.parent / name) for name in names]
+    beside_list = [_files(source.parent / PureWindowsPath(name).name) for name in names]
+    # If no listed folder exists, the list was moved here with its images.
+    is_moved = not any(files for files, name in zip(as_written, names, strict=True) if "/" in name)
     paths: list[Path] = []
-    for name, here, namesakes in zip(names, written, beside, strict=True):
-        files = {(path.stat().st_dev, path.stat().st_ino): path for path in (*namesakes, *here)}
+    for name, listed, namesakes in zip(names, as_written, beside_list, strict=True):
+        files = {(path.stat().st_dev, path.stat().st_ino): path for path in (*namesakes, *listed)}
         if len(files) > 1:
             raise InputError(
                 f"{source}: {name} may be {' or '.join(map(str, files.values()))}; remove or "
                 "rename one, or name the images themselves"
             )
-        paths += (here or (moved and namesakes) or [source.parent / name])[:1]
+        paths += (listed or (is_moved and namesakes) or [source.parent / name])[:1]
     twice = [path for path, count in Counter(map(os.path.abspath, paths)).items() if count > 1]
     if twice:
-        raise InputError(f"{source}: names image {twice[0]} twice; give one light an image")
+        raise InputError(f"{source}: names image {twice[0]} twice; list one light for each image")
     return paths
 
 
@@ -191,7 +195,7 @@ def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
 
 
 def light_list_text(path: Path) -> str:
-    """Text of a list in UTF-8, or in UTF-16 with its mark."""
+    """Text of a list in UTF-8, or in UTF-16 with a byte order mark."""
     content = read_regular_file(path, _MAX_BYTES)
     coding = "UTF-16" if content.startswith((BOM_UTF16_LE, BOM_UTF16_BE)) else "UTF-8"
     try:
@@ -243,7 +247,7 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     except json.JSONDecodeError as error:
         raise InputError(f"{path}: not JSON ({error})") from error
     except (ValueError, RecursionError):  # a number of thousands of digits, nested too deep
-        raise InputError(f"{path}: {_FORM}") from None
+        raise InputError(f"{path}: {_EXPECTED_FORM}") from None
     ignored = [*_unknown_keys(raw)]
     for place, key, similar in ignored:
         if similar is not None and not unknown_keys:
@@ -254,7 +258,7 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     try:
         content = _JSON.validate_python(raw)
     except ValidationError as error:
-        raise InputError(f"{path}: {_FORM}{_first_fault(error)}") from None
+        raise InputError(f"{path}: {_EXPECTED_FORM}{_first_fault(error)}") from None
     entries = content.images if isinstance(content, _ImagesFile) else content
     names = [e.file.replace("\\", "/") for e in entries if isinstance(e, _NamedLight)]
     places = [f"image {number}" for number in range(len(entries))]
@@ -283,7 +287,7 @@ def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _first_fault(error: ValidationError) -> str:
     """Place, fault and value of the entry at fault; may be empty."""
-    # Of several possible forms, the one that was read deepest is meant.
+    # The error with the longest path is of the form that the file most likely has.
     deepest = max(error.errors(), key=lambda fault: len(fault["loc"]))
     place = ".".join(map(str, deepest["loc"][1:]))
     return place and f"; {place}: {deepest['msg']}, not {reprlib.repr(deepest['input'])}"
@@ -314,7 +318,7 @@ def _look_alike(key: str, value: Any, missing: Iterable[str]) -> str | None:
     for candidate in missing:
         if candidate == "intensity" and (value is None or isinstance(value, str)):
             continue  # a remark
-        similar = _ALIKE[candidate]
+        similar = _SIMILAR_KEYS[candidate]
         long = [word for word in similar if len(word) >= _LONG_WORD]
         if words & similar or any(get_close_matches(w, long, 1, _MISSPELT) for w in words):
             return candidate

@@ -104,11 +104,11 @@ def _sync(path: Path, flags: int) -> None:
 
 
 @contextmanager
-def durable_folder(folder: Path, names: Collection[str], first: str) -> Iterator[Path]:
+def durable_folder(folder: Path, names: Collection[str], marker: str) -> Iterator[Path]:
     """Yield a temporary folder whose files move to `folder` when the block ends well.
 
-    Of a folder that exists, the old files called `names` are removed, `first` first, and the new
-    ones are moved in, `first` last: a folder with the file `first` is complete.
+    In a folder that exists, the old files called `names` are removed, `marker` first, and the new
+    ones are moved in, `marker` last: a folder with the file `marker` is complete.
     """
     folder = folder.resolve()
     if folder.exists() and not folder.is_dir():
@@ -124,7 +124,7 @@ def durable_folder(folder: Path, names: Collection[str], first: str) -> Iterator
             temporary.rename(folder)
             sync(folder.parent)
             return
-        order = sorted(names, key=lambda name: name != first)
+        order = sorted(names, key=lambda name: name != marker)
         for name in order:
             (folder / name).unlink(missing_ok=True)
         for name in reversed(order):

@@ -30,7 +30,7 @@ _WORST_RESIDUAL_PX = 1.0
 _MIN_DISTORTION_PX = 0.5
 # A further coefficient counts if it explains this many times its share of the residual (F test with
 # more than 50 degrees of freedom: 1 in 1000).
-_SIGNIFICANT = 11.0
+_SIGNIFICANT_F = 11.0
 # Distortion counts if it moves a corner of the board by this many times the residual: errors of
 # corners in a small picture of the board grow into pixels at the corners of the frame.
 _VISIBLE_DISTORTION = 3.0
@@ -148,27 +148,27 @@ def _fitted(
     """Fit the lens with as many values as are significant; also its matrix and focal error."""
     camera = nominal_camera_matrix(frame)
     focal_error = None
-    fit = _Fit.of(boards, board, frame, camera, _FIXED)
+    fit = _Fit.of(boards, board, frame, camera, _FIXED_PARAMETERS)
     if np.count_nonzero(fit.tilts_deg > _FLAT_DEG) >= _TILTED_FOR_FOCAL:
         free = _Fit.of(boards, board, frame, camera, 0)
         if free.focal_px < 100.0 * max(frame) and free.focal_error <= _KNOWN_FOCAL:
             camera[0, 0] = camera[1, 1] = free.focal_px
             focal_error = free.focal_error
-            fit = _Fit.of(boards, board, frame, camera, _FIXED)
+            fit = _Fit.of(boards, board, frame, camera, _FIXED_PARAMETERS)
     freedom = (2 * len(board) - 6) * len(boards)
-    for fixed in (_FIXED - cv2.CALIB_FIX_K1, cv2.CALIB_FIX_FOCAL_LENGTH):
+    for fixed in (_FIXED_PARAMETERS - cv2.CALIB_FIX_K1, cv2.CALIB_FIX_FOCAL_LENGTH):
         better = _Fit.of(boards, board, frame, camera, fixed)
         moved = np.concatenate([_shift(points, better.radial, camera) for points in boards])
         is_visible = np.linalg.norm(moved, axis=1).max() > _VISIBLE_DISTORTION * better.residual_px
         explained = fit.residual_px**2 - better.residual_px**2
-        if is_visible and explained > _SIGNIFICANT * better.residual_px**2 / freedom:
+        if is_visible and explained > _SIGNIFICANT_F * better.residual_px**2 / freedom:
             fit = better
     return fit, camera, focal_error
 
 
-_FIXED = cv2.CALIB_FIX_FOCAL_LENGTH + cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2
+_FIXED_PARAMETERS = cv2.CALIB_FIX_FOCAL_LENGTH + cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2
 # The lens is centred, and its pixels are square.
-_IDEAL = (
+_IDEAL_LENS = (
     cv2.CALIB_FIX_ASPECT_RATIO + cv2.CALIB_FIX_PRINCIPAL_POINT + cv2.CALIB_ZERO_TANGENT_DIST
     + cv2.CALIB_FIX_K3 + cv2.CALIB_USE_INTRINSIC_GUESS
 )  # fmt: skip
@@ -199,7 +199,7 @@ class _Fit:
             residual_px, fitted, distortion, turns, places, deviations, *_ = (
                 cv2.calibrateCameraExtended(
                     [on_board] * len(boards), in_picture, frame[::-1], camera.copy(), np.zeros(5),
-                    flags=_IDEAL + fixed,
+                    flags=_IDEAL_LENS + fixed,
                 )
             )  # fmt: skip
         except cv2.error as error:

@@ -158,7 +158,7 @@ def measured_at(dark: Dark) -> str:
 # Deviation of a hot pixel from its block, in standard deviations of one frame (with rounding). A
 # smaller deviation disturbs an image less than noise does; the mean of 16 frames of normal noise
 # never reaches it.
-_HOT = 6.0
+_HOT_DEVIATIONS = 6.0
 # Good industrial sensors have fewer than one hot pixel in a thousand.
 _MAX_HOT_SHARE = 0.01
 # Shares of full scale. An 8-bit camera of gamma 2.2 with an offset of 1/64 shows 15 % in the dark;
@@ -166,13 +166,13 @@ _MAX_HOT_SHARE = 0.01
 # stays below 1 % of full scale at exposures of up to a second.
 _MAX_OFFSET, _MAX_STRUCTURE = 0.25, 0.02
 # Share of full scale by which a light may raise a block: less than the least signal of an LED.
-_LEAK = 0.002
+_MAX_LEAK_SHARE = 0.002
 # Standard errors of a difference that is not noise: any of 256 blocks exceeds them by chance in one
 # of four million sets.
-_SIGNIFICANT = 6.0
+_SIGNIFICANT_ERRORS = 6.0
 # With a larger share of values at 0, offset and noise are those of a clipped distribution: 0.1 % of
 # normal noise lies more than 3.1 standard deviations below its mean.
-_CLIPPED = 0.001
+_MAX_CLIPPED_SHARE = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -187,7 +187,7 @@ class DarkFrames:
     @property
     def is_clipped(self) -> bool:
         """Whether so many values are 0 that offset and noise of the sensor cannot be measured."""
-        return self.clipped > _CLIPPED
+        return self.clipped > _MAX_CLIPPED_SHARE
 
 
 def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> DarkFrames:
@@ -208,13 +208,13 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
         _check_unlit(frames, lit, noise, float(full_scale))
     mean = frames.mean(axis=0, dtype=np.float64)
     excess = mean - _per_pixel(medians, mean.shape)
-    hot = np.abs(excess) > _HOT * np.sqrt(noise**2 + ROUNDING_VARIANCE)
+    hot = np.abs(excess) > _HOT_DEVIATIONS * np.sqrt(noise**2 + ROUNDING_VARIANCE)
     share = float(hot.mean())
     if share > _MAX_HOT_SHARE:
         raise CalibrationRejected(
-            f"{share:.1%} of the pixels are hot (at most {_MAX_HOT_SHARE:.0%}): either light enters "
-            "beside the cover, or the exposure is too long for this camera; cover the lens, or "
-            "shorten the exposure"
+            f"{share:.1%} of the pixels are hot (at most {_MAX_HOT_SHARE:.0%}): either light "
+            "enters beside the cover, or the exposure is too long for this camera; cover the lens, "
+            "or shorten the exposure"
         )
     spread = float(np.median(np.abs(excess[~hot] - np.median(excess[~hot])))) / 0.6745
     pattern = np.sqrt(max(0.0, spread**2 - noise**2 / len(frames)))
@@ -267,7 +267,7 @@ def _check_unlit(frames: Frames, lit: Frames, noise: float, full_scale: float) -
     pixels = frames[0].size / BLOCKS**2
     error = np.sqrt((noise**2 + ROUNDING_VARIANCE) / pixels * (1.0 + 1.0 / len(frames)))
     rise = float(rises.max())
-    if rise > _SIGNIFICANT * error + _LEAK * full_scale:
+    if rise > _SIGNIFICANT_ERRORS * error + _MAX_LEAK_SHARE * full_scale:
         raise CalibrationRejected(
             f"the lens is not covered: an LED makes the frame brighter by up to "
             f"{rise / full_scale:.1%} of full scale; cover the lens with its cap or with black foil"

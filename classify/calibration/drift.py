@@ -22,11 +22,11 @@ _DriftKind = Kind | Literal["unexplained"]
 _Status = Literal["ok", "warning", "fault"]
 
 # Blocks along each side of the frame; changes are smooth and need no more.
-_JOINED = 8
+_BLOCKS_PER_SIDE = 8
 # Distance of distant lights in half of the longer side; the fall-off over the frame is 0.3 %.
-_DISTANT = 1e3
+_FAR_DISTANCE = 1e3
 # Lights are distant, at more than 50 fields of view, if their ratios vary less over the frame.
-_EVEN = 0.01
+_MAX_DISTANT_VARIATION = 0.01
 _MIN_LIGHTS = 3  # least number that `fit_led_positions` takes
 # Changes beyond the first value are a warning, beyond the second a fault. An LED that is 10 % off
 # tilts a level part by 3 degrees at slant 45, 15 % by 4; a light 5 degrees lower gives 8 % less
@@ -42,9 +42,9 @@ _SHEET_TILT_DEG = (2.5, 5.0)
 _VIGNETTING = (0.05, math.inf)
 # White sheets differ by less. A common factor changes no slope; beyond twice the brightness, noise
 # and hot pixels differ from the calibration.
-_BRIGHTNESS = (0.25, 1.0)
+_BRIGHTNESS_CHANGES = (0.25, 1.0)
 # Residual of the ratios of lights; 1 % tilts normals by a third of a degree.
-_UNEXPLAINED = (0.005, 0.01)
+_RESIDUALS = (0.005, 0.01)
 
 
 @dataclass(frozen=True)
@@ -121,8 +121,11 @@ def plate_drift(
 def _leds(expected: Floats, blocks: PlateBlocks, lighting: Lighting) -> tuple[Floats, float, Aim]:
     """Positions of the LEDs, exponent and aim of their lobes, from a flat field."""
     ratios = expected - expected.mean(axis=0)
-    if len(expected) < _MIN_LIGHTS or float(ratios.std(axis=(1, 2)).max()) <= _EVEN:
-        return _DISTANT * lighting.directions, 1.0, "centre"
+    if (
+        len(expected) < _MIN_LIGHTS
+        or float(ratios.std(axis=(1, 2)).max()) <= _MAX_DISTANT_VARIATION
+    ):
+        return _FAR_DISTANCE * lighting.directions, 1.0, "centre"
     usable = blocks.usable[0].astype(np.float64)
     fitted = fit_led_positions(ratios, usable, blocks.x, blocks.y)
     if is_known(fitted):
@@ -143,8 +146,8 @@ def _joined(blocks: PlateBlocks, expected: Floats) -> tuple[Floats, Floats, Floa
 
 
 def _block_sums(values: Floats) -> Floats:
-    size = BLOCKS // _JOINED
-    parts = values.reshape(*values.shape[:-2], _JOINED, size, _JOINED, size)
+    size = BLOCKS // _BLOCKS_PER_SIDE
+    parts = values.reshape(*values.shape[:-2], _BLOCKS_PER_SIDE, size, _BLOCKS_PER_SIDE, size)
     return np.asarray(parts.sum(axis=(-1, -3)), np.float64)
 
 
@@ -192,7 +195,7 @@ def _causes(
         elif cause.kind == "lens":
             yield from _lens(numbers)
     if brightness is not None:
-        status = _status(max(brightness, 1.0 / brightness) - 1.0, _BRIGHTNESS)
+        status = _status(max(brightness, 1.0 / brightness) - 1.0, _BRIGHTNESS_CHANGES)
         if status != "ok":
             finding = (
                 f"all lights together are {brightness:.2f} times as bright as at the calibration"
@@ -207,7 +210,7 @@ def _causes(
             "alike"
         )
         yield _DriftCause("sheet tilted", None, status, finding, "lay it flat, then check again")
-    status = _status(explanation.residual, _UNEXPLAINED)
+    status = _status(explanation.residual, _RESIDUALS)
     if status != "ok":
         finding = f"lights differ by {explanation.residual:.1%}, which no single cause explains"
         advice = (

@@ -31,10 +31,10 @@ _ROUNDS, _SETTLED = 12, 1e-7
 # Range of slopes that count for the weights, relative to the mean slope. Without the lower limit a
 # level could have any weight; without the upper one a steep piece hides the residuals of a wrong
 # exposure in it.
-_SLOPES = (0.02, 6.0)
+_SLOPE_RANGE = (0.02, 6.0)
 # Levels between which the light rises by 1, as shares of the range. With the ends instead, a curve
 # that is steep at the highest level only would have next to no light and no residuals elsewhere.
-_INNER = (0.1, 0.9)
+_INNER_RANGE = (0.1, 0.9)
 # Range of the exponent by which the curve goes on beyond the measured values.
 _EXPONENTS = (0.25, 4.0)
 # Gamma and sRGB curves need five exposures; one more is left to contradict a wrong one.
@@ -47,7 +47,7 @@ _MIN_TOP = 0.5
 # automatic exposure keeps the value.
 _MIN_RISE = 0.2
 # Share of full scale by which a value may fall at a longer exposure: more than noise of means.
-_FALL = 0.005
+_MAX_FALL = 0.005
 # Shares of full scale. One exposure that is 5 % wrong gives a median residual of 0.2 to 2.5 %, and
 # exact exposures at most 0.04 %. Blocks scatter by noise: with a larger rms residual the curve
 # would miss the 0.5 % asked for.
@@ -130,7 +130,7 @@ def _check_levels(levels: Floats, times: Floats) -> None:
             "at any two neighbouring exposures every part of the frame is saturated or black; "
             "give exposures that differ by less"
         )
-    if np.nanmin(steps) < -_FALL:
+    if np.nanmin(steps) < -_MAX_FALL:
         worst = int(np.nanargmin(steps))
         raise CalibrationRejected(
             f"the values fall by {-steps[worst]:.1%} of full scale where the exposure rises from "
@@ -179,7 +179,7 @@ class _Fit:
         """Fit by least squares in the levels, with weights from the slope of the curve."""
         measured = np.isfinite(levels)
         lowest, highest = float(ends[0]), float(ends[-1])
-        inner = lowest + np.array(_INNER) * (highest - lowest)
+        inner = lowest + np.array(_INNER_RANGE) * (highest - lowest)
         mean_slope = 1.0 / float(np.ptp(inner))
         knots = np.pad(ends, _DEGREE, mode="edge")
         pieces = _PIECES + _DEGREE
@@ -210,7 +210,7 @@ class _Fit:
             target = np.r_[np.zeros(len(system) - 1), 1e3]
             before, factors = factors, lsq_linear(system, target, (bounds, np.inf), method="bvls").x
             slopes, knot_slopes = (
-                np.clip(basis @ factors[1:], *(mean_slope * np.array(_SLOPES)))
+                np.clip(basis @ factors[1:], *(mean_slope * np.array(_SLOPE_RANGE)))
                 for basis in (slope_terms, knot_slope_terms)
             )
             if np.abs(factors - before).max() < _SETTLED:

@@ -29,11 +29,11 @@ from classify.lights.flat_field import (
 BLOCKS, _CELLS = 32, 16
 # Cells further from the median of their block than this multiple of its robust standard deviation
 # are dust.
-_DUST = 4.0
+_DUST_DEVIATIONS = 4.0
 # Cells darker than this share of the bright ones are beside the sheet, as in `fall_off`.
-_DARK = 0.05
+_MIN_BRIGHTNESS = 0.05
 # Least usable share of a block that counts.
-_USABLE = 0.5
+_MIN_USABLE_SHARE = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,9 @@ def _of_placement(
         [_in_blocks(_resized(image - ambient, cells)) for image in stack.images]
     ).astype(np.float64)
     brightness = values.mean(axis=0)
-    good &= (values > 0.0).all(axis=0) & (brightness > _DARK * np.percentile(brightness, 95))
+    good &= (values > 0.0).all(axis=0) & (
+        brightness > _MIN_BRIGHTNESS * np.percentile(brightness, 95)
+    )
     logs = np.log(np.where(good, values, 1.0))
     common = logs.mean(axis=0)
     ratio = logs - common
@@ -90,13 +92,13 @@ def _of_placement(
     relief = SIGMA_PER_MAD * np.sqrt(np.square(np.nan_to_num(_median(np.abs(away)))).mean(axis=0))
     unevenness = _deviation(common, good)
     grain = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(unevenness)))
-    clean = good & (np.abs(unevenness) <= _DUST * grain[..., None] + 1e-9)
+    clean = good & (np.abs(unevenness) <= _DUST_DEVIATIONS * grain[..., None] + 1e-9)
     for light in away:
         spread = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(light)))[..., None]
-        clean &= np.abs(light) <= _DUST * spread + 1e-9
+        clean &= np.abs(light) <= _DUST_DEVIATIONS * spread + 1e-9
     count = clean.sum(axis=-1)
     means = (values * clean).sum(axis=-1) / np.maximum(count, 1)
-    usable = count >= _USABLE * clean.shape[-1]
+    usable = count >= _MIN_USABLE_SHARE * clean.shape[-1]
     inside = max(int(part.sum()), 1)
     return (
         np.where(usable, np.log(np.where(usable, means, 1.0)), 0.0),
@@ -140,7 +142,7 @@ def _median(values: Floats) -> Floats:
 # Correlation of the grain of two placements of one sheet, as rendered in test_plate.py without
 # dust: 0.09 at most if it was rotated between them; if not, 0.73 and more for a grain of 0.5 %, and
 # lost in the noise for an even sheet. The pattern of the sensor does not rotate, but is weaker.
-_ALIKE = 0.7
+_SAME_GRAIN_CORRELATION = 0.7
 
 
 def check_placements_differ(images: Sequence[Array]) -> None:
@@ -165,7 +167,7 @@ def are_moved(blocks: PlateBlocks, flat_field: FlatField) -> bool:
         usable &= blocks.usable[near]
     for first, other in combinations(range(len(grain)), 2):
         one, two = (grain[placement][usable[first] & usable[other]] for placement in (first, other))
-        if one @ two <= _ALIKE * np.linalg.norm(one) * np.linalg.norm(two):
+        if one @ two <= _SAME_GRAIN_CORRELATION * np.linalg.norm(one) * np.linalg.norm(two):
             return True
     return False
 

@@ -21,7 +21,7 @@ Frames = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 BLOCKS = 16
 # Clipping this share of a block's values changes its mean by 0.003 and its variance by 0.03 of the
 # noise (of a normal distribution). It is also the share of hot pixels that `dark_of` accepts.
-_CLIPPED = 0.01
+_MAX_CLIPPED_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +47,7 @@ def block_levels(
     counts = counted.sum(axis=1)
     full = ((blocks >= full_scale) & counted).sum(axis=(0, 2))
     black = ((blocks == 0) & counted).sum(axis=(0, 2))
-    clipped = np.maximum(full, black) > _CLIPPED * len(frames) * counts
+    clipped = np.maximum(full, black) > _MAX_CLIPPED_SHARE * len(frames) * counts
     means[clipped] = variances[clipped] = np.nan
     saturated = float(full.sum()) / (len(frames) * float(counts.sum()))
     return BlockLevels(means, variances, saturated, freedom)
@@ -105,7 +105,7 @@ class Noise:
 # demands, it is 0.03, and the gain of an 8-bit camera on an even sheet comes out 1 % wrong.
 _MIN_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
 # EMVA 1288 fits from the dark to 70 % of saturation: beyond, the brightest pixels clip.
-_HIGHEST = 0.7
+_MAX_FITTED_SHARE = 0.7
 # Groups of blocks of similar mean, compared with the line; fewer do not show that it is straight.
 _GROUPS, _MIN_GROUPS = 12, 4
 # Least span of the levels, as a share of the range; the slope of a short piece is not meaningful.
@@ -135,7 +135,7 @@ def photon_transfer(
     means = np.concatenate([level.means for level in levels]) - black_level_dn
     variances = np.concatenate([level.variances for level in levels])
     freedom = np.concatenate([np.full(level.means.shape, level.freedom) for level in levels])
-    highest = _HIGHEST * (full_scale - black_level_dn)
+    highest = _MAX_FITTED_SHARE * (full_scale - black_level_dn)
     usable = (means <= highest) & (variances >= 0.0)  # false for NaN
     means, variances, freedom = means[usable], variances[usable], freedom[usable]
     dark_variance = None

@@ -23,10 +23,10 @@ from .led_positions import LedPositions, fit_led_positions
 # Limits of the checks; "What a sheet is refused for" in classify/DECISIONS.md has the figures of
 # sheets, parts and textures.
 _MAX_SATURATED = 1e-3
-_DARKEST = 0.05
+_MIN_BRIGHTNESS = 0.05
 _MIN_SHEET_SHARE, _MAX_UNUSED_SHARE = 0.125, 0.5
 _MAX_RELIEF_SLOPE, _MAX_RATIO_ROUGHNESS, _MAX_UNEVENNESS = 0.08, 0.02, 0.03
-_SHINIEST, _ON_ITS_SIDE, _MANY = 0.01, 0.2, 0.6
+_MAX_GLOSS_EXCESS, _MAX_SIDE_SHARE, _MAX_SHINY_SHARE = 0.01, 0.2, 0.6
 # Largest tilt of a sheet by three estimates: the change of the lights when it is rotated, the
 # difference of measured and configured lights, and the levels of distant lights (10 % are 6
 # degrees).
@@ -35,12 +35,12 @@ _MAX_TILT_DEG, _MAX_TILT_ALONE_DEG, _MAX_TILT_BY_LEVELS_DEG = 4.0, 7.0, 12.0
 _MAX_UNEXPLAINED_DIRECTIONS, _MAX_UNEXPLAINED_LEVELS = 0.5, 0.05
 # Positions with larger standard errors are no better than the configured directions. An error of
 # 20 % in the distance changes normals less than an error of 3 degrees in the direction does.
-_WORST_DIRECTION_DEG, _WORST_DISTANCE = 3.0, 0.2
+_MAX_DIRECTION_ERROR_DEG, _MAX_DISTANCE_ERROR = 3.0, 0.2
 # Largest residual of the model of LEDs: sheets have 0.03 %, `gelsight_groove6` 0.8 %, a broad
 # highlight of 30 % has 2.8 %.
-_WORST_RESIDUAL = 0.015
+_MAX_RESIDUAL = 0.015
 # cos(88 degrees): no solver can use lights below this elevation.
-_LOWEST = 0.035
+_MIN_LIGHT_Z = 0.035
 # Assumed tilt of a sheet on a table; share of it that two placements 180 +- 10 degrees apart leave;
 # assumed tilt of a single placement.
 _TABLE_DEG, _REMAINING_TILT = 0.3, 0.17
@@ -133,11 +133,11 @@ def _check_exposure(blocks: PlateBlocks) -> None:
         )
     placement, light = np.unravel_index(blocks.levels.argmin(), blocks.levels.shape)
     level = blocks.levels[placement, light]
-    if level < _DARKEST:
+    if level < _MIN_BRIGHTNESS:
         raise CalibrationRejected(
             f"too dark: the sheet reaches {level:.1%} of full scale under light {light}; raise "
-            f"camera.exposure_ms in rig.toml until it reaches {_DARKEST:.0%} or more, then repeat "
-            f"{_REPEATED}"
+            f"camera.exposure_ms in rig.toml until it reaches {_MIN_BRIGHTNESS:.0%} or more, then "
+            f"repeat {_REPEATED}"
         )
     share = blocks.usable.mean(axis=(1, 2)).min()
     if share < _MIN_SHEET_SHARE:
@@ -150,15 +150,15 @@ def is_known(positions: LedPositions) -> bool:
     """Whether fitted positions are better than directions alone."""
     heights = positions.positions[:, 2] / np.linalg.norm(positions.positions, axis=1)
     return bool(
-        heights.min() >= _LOWEST
-        and positions.residual <= _WORST_RESIDUAL
-        and positions.direction_errors_deg.max() <= _WORST_DIRECTION_DEG
-        and positions.distance_errors.max() <= _WORST_DISTANCE
+        heights.min() >= _MIN_LIGHT_Z
+        and positions.residual <= _MAX_RESIDUAL
+        and positions.direction_errors_deg.max() <= _MAX_DIRECTION_ERROR_DEG
+        and positions.distance_errors.max() <= _MAX_DISTANCE_ERROR
     )
 
 
 def _why_unknown(positions: LedPositions) -> str:
-    if positions.residual > _WORST_RESIDUAL:
+    if positions.residual > _MAX_RESIDUAL:
         return (
             f"the light on the sheet differs by {positions.residual:.1%} from that of LEDs: the "
             "sheet is shiny, or the lights are no points; measure their directions with a sphere"
@@ -253,15 +253,17 @@ def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lightin
     shiny = []
     for light, excess in enumerate(positions.residuals):
         hot = np.where(
-            _pooled(np.asarray(blocks.usable.all(axis=0)), size) & (excess > _SHINIEST), excess, 0
+            _pooled(np.asarray(blocks.usable.all(axis=0)), size) & (excess > _MAX_GLOSS_EXCESS),
+            excess,
+            0,
         )
         total = hot.sum()
         towards = lighting.directions[light, :2]
         towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
         along = hot.sum(axis=0) @ x * towards[0] + hot.sum(axis=1) @ y * towards[1]
-        if total > 0.0 and along / total > _ON_ITS_SIDE:
+        if total > 0.0 and along / total > _MAX_SIDE_SHARE:
             shiny.append(light)
-    if len(shiny) > _MANY * len(positions.residuals):
+    if len(shiny) > _MAX_SHINY_SHARE * len(positions.residuals):
         raise CalibrationRejected(
             f"the sheet is shiny: a highlight of {np.expm1(positions.residuals.max()):.1%} lies on "
             f"the side of lights {', '.join(map(str, shiny))}; use matt paper"

@@ -21,22 +21,22 @@ _HIGHLIGHT, _CLIPPED_HIGHLIGHT = 0.5, 0.8
 # Least share in the brightest pixel of a highlight; a lit wall or a glossy table does not reach it.
 _MIN_PEAK = 0.9
 # Used share of the radius; farther out the pixels mix with the background.
-_INSIDE = 0.97
+_USED_RADIUS = 0.97
 # Least ratio of a highlight's peak to the changes of the rest of the sphere, by their robust
 # scatter. Noise alone gives 4.5; a lamp that lights a bright room unevenly leaves 5.7
 # (sphere_rates.py).
 _MIN_CONTRAST, _MIN_CHANGE = 5.0, 2.0
 # A second reflection with this share of the light of the first makes the choice doubtful.
-_DOUBTFUL = 0.5
+_DOUBTFUL_SHARE = 0.5
 # Least z of the direction of a light; lower ones are reflections, for example in the table.
 _MIN_Z = 0.02
 # A reflection that fills more than this solid angle (steradian, a cone of 30 degrees radius) is a
 # lit wall or an overexposed light image.
-_LARGEST = 2.0 * np.pi * (1.0 - np.cos(np.radians(30.0)))
+_MAX_HIGHLIGHT_SR = 2.0 * np.pi * (1.0 - np.cos(np.radians(30.0)))
 # Error of a highlight's centre as a share of its size, as a lamp is not brightest in its middle.
 _CENTRE_SHARE = 0.1
 # Error in px of the centre of a highlight of a few pixels, whose light is clipped at full scale.
-_PIXEL = 0.15
+_CENTRE_ERROR_PX = 0.15
 
 
 class _Highlight(NamedTuple):
@@ -62,7 +62,7 @@ def mirror_directions(
     l = 2 (n . v) n - v is averaged over the highlight, weighted by the light: equal areas of the
     image of a mirror sphere are equal solid angles, 4 / radius^2.
     """
-    rows, columns = sphere.pixels(_INSIDE)
+    rows, columns = sphere.pixels(_USED_RADIUS)
     top, left = int(rows.min()), int(columns.min())
     values = images[:, rows, columns].astype(np.float64)
     dark_images = () if ambient is None else (ambient[rows, columns].astype(np.float64),)
@@ -92,12 +92,12 @@ def mirror_directions(
             )
         above.sort(key=lambda highlight: -highlight.brightness)
         brightness, pixels, weights, direction = above[0]
-        if pixels.size * 4.0 / sphere.radius_px**2 > _LARGEST:
+        if pixels.size * 4.0 / sphere.radius_px**2 > _MAX_HIGHLIGHT_SR:
             raise CalibrationRejected(
                 f"light image {light}: the light fills {pixels.size / len(rows):.0%} of the "
                 "sphere; use a smaller lamp or a shorter exposure, and a polished sphere"
             )
-        if len(above) > 1 and above[1].brightness > _DOUBTFUL * brightness:
+        if len(above) > 1 and above[1].brightness > _DOUBTFUL_SHARE * brightness:
             doubts.append(
                 f"light image {light} has two reflections that differ from the other light images, "
                 f"with {above[1].brightness / brightness:.0%} of the light of the brighter one, "
@@ -108,7 +108,9 @@ def mirror_directions(
         spread = np.sqrt(weights @ ((towards[pixels] - direction) ** 2).sum(axis=1) / weights.sum())
         n_z = max(float(normal[2]), 0.1)
         # Per px, n rotates by 1 / (radius n_z), and l by twice as much.
-        outline, pixel = (2.0 * px / sphere.radius_px / n_z for px in (sphere.error_px, _PIXEL))
+        outline, pixel = (
+            2.0 * px / sphere.radius_px / n_z for px in (sphere.error_px, _CENTRE_ERROR_PX)
+        )
         errors.append(np.degrees(np.sqrt(outline**2 + pixel**2 + (_CENTRE_SHARE * spread) ** 2)))
         directions.append(direction)
         points.append(sphere.centre + sphere.radius_px * normal)
@@ -148,7 +150,7 @@ def _lit_share(values: Floats, room: Floats, light: int) -> tuple[Floats, float]
 _SHADED_SHARE = 0.9
 # Share of the light on the brightest pixel below which a pixel may be in shadow, or lit by its
 # surroundings.
-_LIT = 0.25
+_MIN_LIT_SHARE = 0.25
 # Share of full scale from which on a pixel counts as saturated.
 SATURATED = 0.995
 # Least share of the sphere below full scale: its brightest part shows the light best.
@@ -247,7 +249,7 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
     """Fit one light image; its vignetting too if that is None."""
     normals, values = samples.normals, samples.values
     design = np.column_stack([normals, np.ones(len(normals))])
-    lit = values > _LIT * np.quantile(values, 0.98)
+    lit = values > _MIN_LIT_SHARE * np.quantile(values, 0.98)
     direction, share = np.array([0.0, 0.0, 1.0]), vignetting or 0.0
     for _ in range(_ROUNDS):
         scaled = np.linalg.lstsq(design[lit], samples.flat(share)[lit], rcond=None)[0]
@@ -263,7 +265,7 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
         lit = _fitting_pixels(samples, direction, share, lit)
     coefficients, off = _shading(normals[lit] @ direction, samples.flat(share)[lit])
     level = max(float(np.polyval(coefficients, 1.0)), 1e-9)
-    span = float(np.ptp(np.polyval(coefficients, np.linspace(_LIT, 1.0, 16))))
+    span = float(np.ptp(np.polyval(coefficients, np.linspace(_MIN_LIT_SHARE, 1.0, 16))))
     residual = float(np.sqrt(np.mean(off**2))) / max(span, 1e-9)
     return _Fit(direction, share, level, residual, lit)
 
@@ -276,7 +278,7 @@ def _fitting_pixels(
     coefficients, off = _shading(cosine[lit], values[lit])
     spread = SIGMA_PER_MAD * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
     far = np.abs(values - np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))) > 3.0 * spread
-    fitting = np.asarray((cosine > _LIT) & ~far)
+    fitting = np.asarray((cosine > _MIN_LIT_SHARE) & ~far)
     if fitting.mean() < _MIN_USED_SHARE:
         raise CalibrationRejected(
             f"light image {samples.light}: {fitting.mean():.0%} of the sphere shows the shading of "

@@ -36,7 +36,7 @@ _MIN_SCORE = 0.05
 # At the finer scale wrong outlines of sphere_rates.py had 0.02 and 0.03, right ones 0.05 to 1.
 _MIN_FINE_SCORE = 0.04
 # Added to shares of full scale, so that noise of one digit in a black background is no edge.
-_FLOOR = 0.02
+_BLACK_OFFSET = 0.02
 # Least number of lights for a ratio: the brightest is left out, and two remain.
 _RATIO_LIGHTS = 3
 # Systematic error of an outline from edges: 0.2 px, and this share of the radius, divided by the
@@ -55,11 +55,11 @@ _SAME_CENTRE, _LARGER = 0.02, 1.05
 _RIVAL_SHARE, _RIVAL_RADIUS = 0.85, 1.3
 # rms deviation of a mask from a circle, as a share of the radius. Perspective gives 0.01 at 15
 # degrees from the axis, a square 0.08.
-_ROUND = 0.02
+_MAX_ROUNDNESS_ERROR = 0.02
 # Error of masks in whole pixels: the rounding of circles of 60 to 200 px across.
 _MASK_PX = 0.1
 # Share of the circumference that may be beyond the frame.
-_CUT = 0.01
+_MAX_CUT_SHARE = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +103,7 @@ def outline_of_mask(mask: BoolArray) -> Outline:
     start = Circle(float(columns.mean()), float(rows.mean()), radius)
     circle = fitted_circle(rim, np.ones(len(rim)), start)
     off = np.hypot(rim[:, 0] - circle.column, rim[:, 1] - circle.row) / circle.radius - 1.0
-    if (rms := float(np.sqrt(np.mean(off**2)))) > _ROUND + 0.5 / radius:
+    if (rms := float(np.sqrt(np.mean(off**2)))) > _MAX_ROUNDNESS_ERROR + 0.5 / radius:
         raise CalibrationRejected(
             f"the mask is not round: its edge is {rms:.1%} of the radius off a circle; let it be "
             "white on one sphere and black elsewhere"
@@ -137,7 +137,7 @@ def find_outline(images: Array, *, is_mirror: bool = True) -> Outline:
     columns = circle.column + circle.radius * np.cos(angles)
     rows = circle.row + circle.radius * np.sin(angles)
     beyond = (columns < -0.5) | (columns > width - 0.5) | (rows < -0.5) | (rows > height - 0.5)
-    if float(np.mean(beyond)) > _CUT:
+    if float(np.mean(beyond)) > _MAX_CUT_SHARE:
         raise CalibrationRejected(
             f"the sphere at column {circle.column:.0f}, row {circle.row:.0f} with a radius of "
             f"{circle.radius:.0f} px is cut by the frame; show the whole of it"
@@ -185,7 +185,7 @@ def _features(images: Array, *, is_mirror: bool) -> list[FloatMap]:
 
 def _share(image: Array, top: float) -> FloatMap:
     """The image as a share of `top`, above zero."""
-    return np.asarray(np.maximum(image.astype(np.float32) / top, 0.0) + _FLOOR, np.float32)
+    return np.asarray(np.maximum(image.astype(np.float32) / top, 0.0) + _BLACK_OFFSET, np.float32)
 
 
 def _reduced(features: list[FloatMap], factor: float) -> list[FloatMap]:

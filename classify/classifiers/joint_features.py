@@ -1,7 +1,6 @@
 """Features of the joint classifier: observations, series and statistics.
 
-``tests/evidence/joint_constants.py`` prints what each tuned number gives halved
-and doubled.
+``tests/evidence/joint_constants.py`` prints the errors with each tuned number halved and doubled.
 """
 
 from collections.abc import Sequence
@@ -78,7 +77,7 @@ class JointTraining(Observation):
 
 
 def observe(surface: SurfaceEstimate, segment_px: int) -> JointObservation:
-    """Observe a surface with segments of that side."""
+    """Observe a surface, with segments of `segment_px` in its spectra."""
     return _observe_fields(texture_fields(surface), segment_px)
 
 

@@ -51,10 +51,10 @@ _MAX_FACTOR_OF_ONE_SET: Mapping[Uniformity, float] = {"varied": 1.3, "no texture
 # between classes of equal scatter and between patches of one class, together 0.43. On 22 scanned
 # materials the median is 0.84 and the deviation 0.53; joint_constants.py prints what larger
 # ones accept. A limit is the 99th percentile, 2.33 deviations above the median.
-_MEDIAN = 0.82
+_MEDIAN_DISTANCE = 0.82
 _CLASS_SPREAD = 0.34
 _PATCH_SPREAD = 0.26
-_DEVIATIONS = 2.33
+_LIMIT_DEVIATIONS = 2.33
 # Mean and standard deviation of the least of one, two and three normal numbers. More sets count as
 # three: they seldom show as many independent patches.
 _MINIMUM_OF_NORMALS = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
@@ -92,7 +92,9 @@ def limit_factors(
 
 def unit_limit(pixels: float) -> float:
     """Limit of a class of scatter 1 with one set, for frames of that many pixels."""
-    limit = _MEDIAN * math.exp(_DEVIATIONS * math.hypot(_CLASS_SPREAD, _PATCH_SPREAD))
+    limit = _MEDIAN_DISTANCE * math.exp(
+        _LIMIT_DEVIATIONS * math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
+    )
     return float(limit * min(pixels / _SUFFICIENT_PX**2, 1.0) ** (1 / 16))
 
 
@@ -103,18 +105,18 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
     left out; the limit is at most the 99th percentile of the smallest of as many distances.
     """
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
-    expected = math.log(limit) - _DEVIATIONS * spread
+    expected = math.log(limit) - _LIMIT_DEVIATIONS * spread
     logs = [math.log(value) for value in distances if value > math.exp(expected - 2.0 * spread)]
     if not logs:
         return limit
     nearest, deviation = _MINIMUM_OF_NORMALS[min(len(logs), len(_MINIMUM_OF_NORMALS)) - 1]
-    most = nearest * _PATCH_SPREAD + _DEVIATIONS * math.hypot(
+    most = nearest * _PATCH_SPREAD + _LIMIT_DEVIATIONS * math.hypot(
         _CLASS_SPREAD, deviation * _PATCH_SPREAD
     )
     trust = 1.0 - 1.0 / (1.0 + len(logs) * (_CLASS_SPREAD / _PATCH_SPREAD) ** 2)
     above = trust * sum(max(value - expected, -spread) for value in logs) / len(logs)
     remaining = math.hypot(_CLASS_SPREAD * math.sqrt(1.0 - trust), _PATCH_SPREAD)
-    return math.exp(expected + min(above + _DEVIATIONS * remaining, most))
+    return math.exp(expected + min(above + _LIMIT_DEVIATIONS * remaining, most))
 
 
 def class_limits(

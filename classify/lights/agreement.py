@@ -205,18 +205,19 @@ def _weigh(
     for r in range(rows):
         low[:], high[:], total[:], lit[r] = np.inf, -np.inf, zero, True
         for k in range(4):
-            gain, even = gains[k], gains[k] / means[k]
+            gain, relative_gain = gains[k], gains[k] / means[k]
             for c in range(columns):
                 value = values[k, r, c]
                 noises[k, r, c] = squares[k] * (a + b * max(value - black, zero))
                 lit[r, c] &= value < full_scale
                 value -= dark[r, c]
                 values[k, r, c] = gain * value
-                low[c], high[c] = min(low[c], even * value), max(high[c], even * value)
+                relative = relative_gain * value
+                low[c], high[c] = min(low[c], relative), max(high[c], relative)
                 total[c] += gain * value
         for c in range(columns):
             lit[r, c] &= low[c] > shadow * high[c]
-            # In shares of the brightness: if one image is wrong by a share, so is the residual.
+            # Relative to the brightness: an image that is wrong by 5 % gives a residual of 5 %.
             total[c] = np.float32(1.0) / max(quarter * total[c], tiny)
         for k in range(4):
             for c in range(columns):
@@ -256,7 +257,8 @@ def _variance_of_difference(a: FloatMap, b: FloatMap) -> FloatMap:
     for group in range(4):
         inside = groups == group
         typical = float(np.median(steps[inside])) if inside.any() else 0.0
-        variance[inside] = max(1.0 / 6.0, (SIGMA_PER_MAD * typical) ** 2 / 2.0)
+        # At least the rounding variance of a difference; a step has twice the variance of a value.
+        variance[inside] = max(2.0 * ROUNDING_VARIANCE, (SIGMA_PER_MAD * typical) ** 2 / 2.0)
     return variance
 
 

@@ -41,7 +41,7 @@ _SAMPLES, _BLOCKS = 128, 16
 # distant lights and by 0.3 % under lights at three fields of view, after three by 1.9 and 3.6 %.
 _ROUNDS = 4
 # Largest factor of an extrapolated step.
-_FURTHEST = 4.0
+_MAX_EXTRAPOLATION = 4.0
 _DEGREE, _HIGHER_DEGREE = 2, 4
 _TERMS = _HIGHER_DEGREE + 1
 # The higher degree is taken where its error of prediction is below the first share of the lower
@@ -188,7 +188,7 @@ def _refine(
         if step_number > 0:
             change = previous_step - step
             factor *= (previous_step * change).sum() / max((change * change).sum(), _TINY)
-            factor = min(max(factor, 1.0), _FURTHEST)
+            factor = min(max(factor, 1.0), _MAX_EXTRAPOLATION)
         for term in range(len(i)):
             coefficients[:, i[term], j[term]] += factor * step[term]
         previous_step = step

@@ -20,7 +20,7 @@ Order = tuple[int, ...]
 _Join = Callable[[Array, Array], Array]
 
 _ORDERS: tuple[Order, ...] = tuple(itertools.permutations(range(4)))
-_GIVEN = _ORDERS[0]
+_GIVEN_ORDER = _ORDERS[0]
 # An order whose misfit is larger than the best by this is implausible. Images of level surfaces,
 # which favour no order, give up to 0.09 (tests/evidence/light_order_rates.py).
 _CLEARLY_WORSE = 0.15
@@ -48,12 +48,12 @@ class _LightOrder:
     @property
     def is_refuted(self) -> bool:
         """Whether the lights cannot have been in the given order."""
-        return _GIVEN not in self.plausible
+        return _GIVEN_ORDER not in self.plausible
 
     @property
     def is_confirmed(self) -> bool:
         """Whether only the given order, or that rotated by 180 degrees, is plausible."""
-        return not self.is_refuted and {*self.plausible} <= {_GIVEN, self.opposite}
+        return not self.is_refuted and {*self.plausible} <= {_GIVEN_ORDER, self.opposite}
 
 
 def light_order(

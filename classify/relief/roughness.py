@@ -127,8 +127,8 @@ def _levelled(height: FloatMap, valid: BoolArray) -> FloatMap:
 # slope errors are not assumed to average out over a frame.
 
 # Expanded uncertainty: about 95 % (GUM 6.3.3).
-_COVERAGE = 2.0
-_LEAST = 1e-12
+_COVERAGE_FACTOR = 2.0
+_MIN_DIVISOR = 1e-12
 
 
 @dataclass(frozen=True)
@@ -166,18 +166,18 @@ def roughness_uncertainty(
     u_sdq = math.hypot(
         math.sqrt(0.5 * variance),
         (roughness.sdq - sdq) / math.sqrt(3.0),
-        completed / max(2.0 * roughness.sdq, _LEAST),
+        completed / max(2.0 * roughness.sdq, _MIN_DIVISOR),
     )
-    share = u_sdq / max(roughness.sdq, _LEAST)
+    share = u_sdq / max(roughness.sdq, _MIN_DIVISOR)
     u_sq = math.hypot(share * roughness.sq_px, (roughness.sq_px - sq) / math.sqrt(3.0))
     return RoughnessUncertainty(
         corrected=Roughness(sdq, roughness.sdr_percent, roughness.sa_px, sq, count),
         expanded=Roughness(
-            _COVERAGE * u_sdq,
+            _COVERAGE_FACTOR * u_sdq,
             # Sdr is half of Sdq^2 for small slopes.
-            _COVERAGE * 2.0 * share * roughness.sdr_percent,
-            _COVERAGE * u_sq * roughness.sa_px / max(roughness.sq_px, _LEAST),
-            _COVERAGE * u_sq,
+            _COVERAGE_FACTOR * 2.0 * share * roughness.sdr_percent,
+            _COVERAGE_FACTOR * u_sq * roughness.sa_px / max(roughness.sq_px, _MIN_DIVISOR),
+            _COVERAGE_FACTOR * u_sq,
             count,
         ),
         height_sd_px={
@@ -265,7 +265,7 @@ def common_error(
             distance = np.linalg.norm(lighting.positions_px[k])
             changes.append(-(p * x + q * y) * lights.distance_errors[k] / distance)
         value = response_error / lighting.intensities[k]
-        changes.append(value * np.sqrt(1.0 + p * p + q * q) / np.maximum(albedo, _LEAST))
+        changes.append(value * np.sqrt(1.0 + p * p + q * q) / np.maximum(albedo, _MIN_DIVISOR))
         for change in changes:
             off_x, off_y, off_z = b + weights[:, k, None] * change
             off = np.stack([-off_x / off_z - p, -off_y / off_z - q])

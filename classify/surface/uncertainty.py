@@ -33,15 +33,15 @@ from .estimate import SurfaceEstimate
 # Pixels whose residuals give the model error, on a grid; it is blurred by this many grid steps, so
 # that about a hundred residuals count in each estimate.
 _SAMPLES = 8_192
-_BLUR = 3.0
+_BLUR_STEPS = 3.0
 # Standard error of a variance from these, as a share of it: a smaller excess can be chance.
-_CHANCE = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR
+_VARIANCE_ERROR = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR_STEPS
 # Weight of the residuals of the whole frame beside those around, for places without any.
-_OF_FRAME = np.float32(1e-3)
+_FRAME_WEIGHT = np.float32(1e-3)
 _TINY = np.float32(1e-30)
 # Gloss makes solved slopes too steep. Where a light was left out there is no residual to correct
 # them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
-_FLATTER = np.float32(0.55)
+_GLOSS_SLOPE_FACTOR = np.float32(0.55)
 _MAX_UNROLLED_LIGHTS = 8  # lights; loops over more take long to compile
 # A lobe must explain residuals by as many standard deviations; one that explains this share of what
 # the best explains is as likely.
@@ -70,7 +70,7 @@ def with_deviations(
     x, y = middle_px(shape[1]), -middle_px(shape[0])
     saturation = np.float32(surface.full_scale or np.inf)
     leaves_out = surface.method != "least_squares"
-    flatter = _FLATTER if surface.method == "ps4_robust" else np.float32(1.0)
+    flatter = _GLOSS_SLOPE_FACTOR if surface.method == "ps4_robust" else np.float32(1.0)
 
     def propagate(first: int, last: int) -> None:
         rows = slice(first, last)
@@ -192,10 +192,10 @@ def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
 
     def around(quantity: FloatMap) -> FloatMap:
         plane = (lit * quantity).reshape(rows, columns)
-        blurred = cv2.GaussianBlur(plane, (0, 0), _BLUR, borderType=cv2.BORDER_REFLECT)
-        return np.asarray(blurred + _OF_FRAME * plane.mean(), np.float32)
+        blurred = cv2.GaussianBlur(plane, (0, 0), _BLUR_STEPS, borderType=cv2.BORDER_REFLECT)
+        return np.asarray(blurred + _FRAME_WEIGHT * plane.mean(), np.float32)
 
-    energy = np.maximum(around(excess) - _CHANCE * around(expected), 0.0) / (lights - 3)
+    energy = np.maximum(around(excess) - _VARIANCE_ERROR * around(expected), 0.0) / (lights - 3)
     shares = (energy / np.maximum(around(brightness**2), _TINY)).astype(np.float32)
     return shares, strengths
 

@@ -25,7 +25,7 @@ _REMARKS: dict[Uniformity, str] = {
 }
 
 # Bounds of the unevenness; see "Uniformity" in classify/DECISIONS.md.
-_VARIED = 0.3
+_MAX_UNIFORM_UNEVENNESS = 0.3
 _NO_TEXTURE = 0.63
 # Floors of the energies: curvatures of 0.01 per pixel, changes of albedo by 3 % of its mean.
 _FLOORS = (1e-4, 1e-3)
@@ -56,7 +56,7 @@ def uniformity_of(unevennesses: Sequence[float]) -> Uniformity:
     typical = float(np.sqrt(np.mean(np.square(unevennesses))))
     if typical > _NO_TEXTURE:
         return "no texture"
-    return "varied" if typical > _VARIED else "uniform"
+    return "varied" if typical > _MAX_UNIFORM_UNEVENNESS else "uniform"
 
 
 def uniformity_remarks(uniformity: Mapping[str, Uniformity]) -> list[str]:

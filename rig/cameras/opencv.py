@@ -27,7 +27,7 @@ _UNKNOWN_BUFFERS = 10
 _CLOSE_TIMEOUT_S = 2.0
 # OpenCV's V4L2 backend passes the driver's values on: manual exposure is 1, a unit is 100 us.
 _V4L2 = "V4L2"
-_MANUAL = 1.0
+_MANUAL_EXPOSURE = 1.0
 _EXPOSURE_UNITS_PER_MS = 10.0
 # Properties of OpenCV, beside gain and gamma, that change the pixel value of the same light.
 _PIXEL_VALUE_CONTROLS = (
@@ -39,7 +39,7 @@ _PIXEL_VALUE_CONTROLS = (
     "WHITE_BALANCE_BLUE_U",
     "WHITE_BALANCE_RED_V",
 )
-_LACKING = -1.0  # of a property that the camera lacks
+_LACKING_VALUE = -1.0  # of a property that the camera lacks
 
 _Grabbed = tuple[Pixels, float]  # pixels, and the time of arrival in s
 
@@ -222,7 +222,7 @@ class OpencvCamera:
         # Read here, because a thread reads frames later.
         names = ("GAIN", "GAMMA", *_PIXEL_VALUE_CONTROLS)
         read = {name: video.get(_property(name)) for name in names}
-        values = {name.lower(): value for name, value in read.items() if value != _LACKING}
+        values = {name.lower(): value for name, value in read.items() if value != _LACKING_VALUE}
         gain_and_gamma = {name: values.pop(name, None) for name in ("gain", "gamma")}
         self._pixel_values: dict[str, Any] = {**gain_and_gamma, "pixel_value_controls": values}
 
@@ -234,7 +234,7 @@ class OpencvCamera:
                 "exposure and camera.fixed_exposure = true"
             )
         return [
-            *self._set("AUTO_EXPOSURE", _MANUAL),
+            *self._set("AUTO_EXPOSURE", _MANUAL_EXPOSURE),
             *self._set_exposure_time(self._config.exposure_ms),
         ]
 

@@ -164,7 +164,7 @@ def _latency(lights: LightController, clock: Clock) -> Check:
 
 
 # Frames from which rate and losses are measured; fewer, but 3, if they would take longer than this.
-_FRAMES, _MAX_S = 30, 10.0
+_FRAMES, _MAX_RATE_CHECK_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0  # on top of a frame period, for a camera that has just started to stream
 # 30 frames whose first and last stamp jitter by half a period give the rate to 3 %.
 _RATE_TOLERANCE = 0.05
@@ -204,7 +204,7 @@ def check_frames(camera: Camera) -> Iterator[Check]:
     """Check the frame rate and what the camera's kind needs; count lost and corrupt frames."""
     info = camera.info
     yield from _check_kind(info)
-    frames = max(3, min(_FRAMES, round(_MAX_S / info.frame_period_s)))
+    frames = max(3, min(_FRAMES, round(_MAX_RATE_CHECK_S / info.frame_period_s)))
     read_frames: list[Frame] = []
     # Frames that waited in the queue do not show the rate.
     for number in range(info.queue_length + frames):

@@ -90,7 +90,7 @@ def _led(led: int, signal: float, brightest: float) -> Check:
     name = f"LED {led}"
     finding = f"{signal:.1%} of full scale above dark"
     if signal < MIN_SIGNAL_SHARE or signal < DEAD_LED_SHARE * brightest:
-        advice = "check its wiring, its resistor and whether something stands before it"
+        advice = "check its wiring, its resistor and whether something blocks its light"
         return Check(name, "fault", f"{finding}: dead", advice, "lights")
     finding += f", {signal / brightest:.0%} of the brightest LED"
     if signal < WEAK_LED_SHARE * brightest:
@@ -100,13 +100,14 @@ def _led(led: int, signal: float, brightest: float) -> Check:
 
 
 def _saturation(images: LightImages) -> Check:
-    white = (images.lights >= images.full_scale).mean(axis=(1, 2))
+    saturated = (images.lights >= images.full_scale).mean(axis=(1, 2))
     finding = "no pixel is saturated under any LED"
-    if white.any():
+    if saturated.any():
         finding = (
-            f"LED {white.argmax()} saturates {white.max():.2%} of the pixels, the others fewer"
+            f"LED {saturated.argmax()} saturates {saturated.max():.2%} of the pixels, the others "
+            "fewer"
         )
-    if white.max() > MAX_SATURATED_SHARE:
+    if saturated.max() > MAX_SATURATED_SHARE:
         return Check("saturation", "fault", finding, "shorten the exposure; see below")
     return Check("saturation", "ok", finding)
 

@@ -179,10 +179,10 @@ def _response_of_files(
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import (
         Rung,
+        marked_exposure_ms,
         response_parts,
         rungs_of_photographs,
         rungs_of_sets,
-        whole_stops,
     )
     from capture.sets.captured_set import CapturedSet
 
@@ -201,7 +201,7 @@ def _response_of_files(
                 raise
             # The exposure that a camera marks as 1/60 s is 1/64 s (Debevec and Malik 1997).
             with suppress(CalibrationRejected):
-                rungs = [Rung(whole_stops(rung.exposure_ms), rung.levels) for rung in rungs]
+                rungs = [Rung(marked_exposure_ms(rung.exposure_ms), rung.levels) for rung in rungs]
                 return response_parts(rungs, calibration, setting, names)
             raise
     if exposures_ms is not None or gamma is not None:

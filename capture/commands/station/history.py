@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from capture.station.results.history import Counters, HistoryEntry, Tally
     from capture.station.results.store import ResultStore
 
-_SHOWN = 50  # parts in the table of a terminal
+_SHOWN_PARTS = 50  # parts in the table of a terminal
 
 _Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 
@@ -83,7 +83,7 @@ def history(
             _show(store.station, store.counters(selection), include_simulated)
             chain = store.chain_head()
             out.print(f"chain of hashes: {chain.link} rows, head {chain.chain_sha256}")
-            _show_parts(store.parts(shown, newest=_SHOWN))
+            _show_parts(store.parts(shown, newest=_SHOWN_PARTS))
 
 
 @reported

@@ -145,9 +145,9 @@ def roll_back(
     with recipe_on_the_terminal(folder, recipe, by) as changes:
         present, states = read_recipe(changes.files.file), approved_states(changes.files)
         if sha256 is not None:
-            named = [state.sha256 for state in states if _begins(state.sha256, sha256)]
-            back = changes.roll_back(named[0] if len(named) == 1 else sha256)
-            out.print(f"recipe {back.name}: {with_approval(back)}")
+            matching = [state.sha256 for state in states if _begins(state.sha256, sha256)]
+            restored = changes.roll_back(matching[0] if len(matching) == 1 else sha256)
+            out.print(f"recipe {restored.name}: {with_approval(restored)}")
             return
     table = new_table("version", "hash", "approved by", "approved", "")
     for state in states:
@@ -162,5 +162,5 @@ def roll_back(
     print_table(table)
 
 
-def _begins(sha256: str, given: str) -> bool:
-    return len(given) >= _DIGITS and sha256.startswith(given)
+def _begins(sha256: str, prefix: str) -> bool:
+    return len(prefix) >= _DIGITS and sha256.startswith(prefix)

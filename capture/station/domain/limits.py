@@ -192,7 +192,7 @@ class GeneralLimits(Limits):
 
 
 # Numbers of a match; the library bounds the first two as well.
-_OF_THE_MATCH = ("distance", "margin", "blur_px")
+_MATCH_FIELDS = ("distance", "margin", "blur_px")
 ROWS = {
     name: next(row for row in field.metadata if isinstance(row, LimitRow))
     for name, field in Limits.model_fields.items()
@@ -200,7 +200,7 @@ ROWS = {
 """The rows of the table, by the key of the limit."""
 RANGES = tuple(name for name, row in ROWS.items() if row.side == "range")
 """Limits that have a least and a largest value."""
-MEASURES_OF = {name: row.measure or name for name, row in ROWS.items() if name not in _OF_THE_MATCH}
+MEASURES_OF = {name: row.measure or name for name, row in ROWS.items() if name not in _MATCH_FIELDS}
 """The field of `LimitedMeasures` that each limit bounds."""
 if sorted(MEASURES_OF.values()) != sorted(field.name for field in fields(LimitedMeasures)):
     raise TypeError("each field of LimitedMeasures needs one row of Limits")

@@ -61,14 +61,14 @@ class Replay(Record):
 
 
 def replay_challenge(
-    files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
+    files: RecipeFolder, inspector: Inspector, raise_if_cancelled: Callable[[], None] = lambda: None
 ) -> Iterator[PartOutcome]:
     """Judge every part of the challenge as if captured with the present calibration.
 
-    `go_on` is called before each part; an exception of it ends the replay.
+    `raise_if_cancelled` is called before each part; an exception of it ends the replay.
     """
     for file, expected in read_challenge(files.challenge).sets.items():
-        go_on()
+        raise_if_cancelled()
         path = files.challenge / file
         sha256 = _sha256(path)  # before the set is read: one that is exchanged now is replayed anew
         verdict, pixels_sha256 = _replayed(path, inspector)
@@ -101,7 +101,7 @@ def _keep_replay(
 
 
 def require_challenge(
-    files: RecipeFolder, inspector: Inspector, go_on: Callable[[], None] = lambda: None
+    files: RecipeFolder, inspector: Inspector, raise_if_cancelled: Callable[[], None] = lambda: None
 ) -> Replay:
     """Raise ChallengeFailed unless this inspector meets the challenge set, now or on record.
 
@@ -110,8 +110,8 @@ def require_challenge(
     """
     _known_sha256.cache_clear()  # the files that run now are hashed, whatever their times
     replay, outcomes = (
-        valid_replay(files, inspector.fingerprint, go_on),
-        replay_challenge(files, inspector, go_on),
+        valid_replay(files, inspector.fingerprint, raise_if_cancelled),
+        replay_challenge(files, inspector, raise_if_cancelled),
     )
     judged = _up_to_a_good_part(outcomes)
     if replay is None or any(outcome.is_regression for outcome in judged):
@@ -156,7 +156,9 @@ def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
 
 
 def valid_replay(
-    files: RecipeFolder, fingerprint: Fingerprint, go_on: Callable[[], None] = lambda: None
+    files: RecipeFolder,
+    fingerprint: Fingerprint,
+    raise_if_cancelled: Callable[[], None] = lambda: None,
 ) -> Replay | None:
     """Return the recorded replay if it has this challenge set and fingerprint."""
     replay = last_replay(files)
@@ -166,7 +168,7 @@ def valid_replay(
     if expected != dict(read_challenge(files.challenge).sets):
         return None
     for part in replay.parts:
-        go_on()
+        raise_if_cancelled()
         if part.file_sha256 is None or part.file_sha256 != _sha256(files.challenge / part.file):
             return None
     return replay

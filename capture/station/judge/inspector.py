@@ -47,7 +47,7 @@ from .measured_surface import MeasuredSurface, fits
 
 # Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
-_OF_MATCH = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
+_MATCH_FIELDS = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
 _LIMITED = tuple(measure.name for measure in fields(LimitedMeasures))
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MAX_DEFECTS = 50
@@ -75,7 +75,7 @@ class Inspection:
         """Return the result of a part with the inspection; NaN and infinity become None."""
         numbers = {name: _known(getattr(self.measures, name)) for name in _LIMITED}
         if (match := self.measures.match) is not None:
-            numbers |= {name: _known(getattr(match, name)) for name in _OF_MATCH}
+            numbers |= {name: _known(getattr(match, name)) for name in _MATCH_FIELDS}
         return replace(
             part,
             verdict=self.verdict,

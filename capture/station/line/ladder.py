@@ -13,10 +13,10 @@ from .registers import STATES, VERDICTS, Command, Status
 # Longer than a database that restarts, and than a set that is captured three times.
 ANSWER_S = 30.0
 _RESULT_S = 60.0
-# Loading replays a challenge set of which something has changed.
+# Loading a recipe replays its challenge set if something has changed.
 _RECIPE_S = 300.0
 _ERROR = VERDICTS[Decision.ERROR]
-_IDS = 0xFFFF
+_MAX_ID = 0xFFFF
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ class Ladder:
         status = Status(inputs["status"])
         self._trigger(inputs, status, now_s)
         self._take_result(inputs, status, now_s)
-        self._heartbeat = self._heartbeat % _IDS + 1
+        self._heartbeat = self._heartbeat % _MAX_ID + 1
         commands = _COMMANDS.get(self._step, Command(0))
         if self._is_acknowledging:
             commands |= Command.RESULTS_ACK
@@ -126,7 +126,7 @@ class Ladder:
             if inputs["state"] == STATES[State.READY]:
                 self._deadline_s, self._step = now_s + _RECIPE_S, _Step.RECIPE
         elif Status.READY in status:
-            self._trigger_id = self._trigger_id % _IDS + 1
+            self._trigger_id = self._trigger_id % _MAX_ID + 1
             self._deadline_s, self._step = now_s + ANSWER_S, _Step.ANSWER
 
     def _await_recipe(self, inputs: Mapping[str, Any], status: Status, now_s: float) -> None:

@@ -76,7 +76,7 @@ async def _events(
     """Everything that happens, as server-sent events; first the state, or what was missed."""
     last, live = after if last_event_id is None else last_event_id, call.panel.live
 
-    async def may_go_on() -> bool:
+    async def is_still_allowed() -> bool:
         """Whether the user still exists, and the session goes on."""
         try:
             who = await run_in_threadpool(identity_of, call.panel, call.request)
@@ -85,7 +85,7 @@ async def _events(
         return who is not None and who.role.includes(Role.OPERATOR)
 
     own_streams = call.panel.streams[call.someone.via, call.name]
-    stream = _messages(live, last, may_go_on, own_streams)
+    stream = _messages(live, last, is_still_allowed, own_streams)
     # A proxy must not buffer the events.
     headers = {"X-Accel-Buffering": "no"}
     return StreamingResponse(stream, media_type=_MEDIA_TYPE, headers=headers)
@@ -94,7 +94,7 @@ async def _events(
 async def _messages(
     live: LiveView,
     last: str,
-    may_go_on: Callable[[], Awaitable[bool]],
+    is_still_allowed: Callable[[], Awaitable[bool]],
     own_streams: list[Subscription],
 ) -> AsyncIterator[str]:
     if len(own_streams) >= MAX_STREAMS_OF_ONE_CLIENT:
@@ -116,7 +116,7 @@ async def _messages(
                 due_s = loop.time() + KEEP_ALIVE_S
                 if check is None:
                     # Not awaited: it needs a free thread, and the events would wait for it.
-                    check = asyncio.ensure_future(may_go_on())
+                    check = asyncio.ensure_future(is_still_allowed())
                     check.add_done_callback(lambda _: changed.set())
             changed.clear()
             if check is not None and check.done():

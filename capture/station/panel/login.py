@@ -14,7 +14,7 @@ from .render import page
 
 router = APIRouter(include_in_schema=False)
 # A path on this station: it begins with one slash; two would begin the name of a host.
-_PLACE = re.compile(r"/(?![/\\])[A-Za-z0-9/._-]*")
+_LOCAL_PATH = re.compile(r"/(?![/\\])[A-Za-z0-9/._-]*")
 
 
 @router.get("/login")
@@ -83,4 +83,4 @@ def _is_screen(call: Call) -> bool:
 
 
 def _place(text: str) -> str:
-    return text if _PLACE.fullmatch(text) else "/"
+    return text if _LOCAL_PATH.fullmatch(text) else "/"

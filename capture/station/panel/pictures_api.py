@@ -26,7 +26,7 @@ from .render import JsonAnswer
 from .security import Denied
 
 # Browsers keep pictures, and ask each time whether they may still show them.
-_KEPT = "private, no-cache"
+_CACHE_CONTROL = "private, no-cache"
 # A part takes a tenth of a second, and up to `MAX_WAITING` wait before it.
 MAX_WAIT_S = 30.0
 _Size = Annotated[
@@ -102,7 +102,7 @@ async def _picture(call: ByOperator, part_id: str, name: str, size: _Size = "sma
     entry = await run_in_threadpool(entry_of, call.panel, part_id)
     result = entry.result
     tag = f'"{result.set_sha256}-{result.number}-{size}-{name}"'
-    headers = {"ETag": tag, "Cache-Control": _KEPT}
+    headers = {"ETag": tag, "Cache-Control": _CACHE_CONTROL}
     if _is_known(call, tag):
         await run_in_threadpool(stored_set, call.panel.folder, entry)
         return Response(status_code=304, headers=headers)

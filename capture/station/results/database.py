@@ -26,7 +26,7 @@ _PAUSE_S = 0.01  # between two tries of a new SQLite file
 # Cache of an SQLite connection that only reads. A scan of a table would fill SQLite's default of
 # 2 MB, and keep it. Queries are as fast with this one: pytest -m slow -s test_scale.py.
 _READ_CACHE_KB = 256
-_PLACES = "give postgresql://USER@HOST/DATABASE, or a file name such as results.sqlite"
+_RESULTS_FORM = "give postgresql://USER@HOST/DATABASE, or a file name such as results.sqlite"
 # Advisory locks of PostgreSQL are named by two integers: the letters "ps4r", and the station.
 _LOCK_CLASS = 0x70733472
 
@@ -53,9 +53,9 @@ def database_url(results: str) -> URL:
         url = make_url(results)
     except (ArgumentError, ValueError) as error:
         kind = results.partition("://")[0]
-        raise InputError(f"results = {kind}://...: {_PLACES}") from error
+        raise InputError(f"results = {kind}://...: {_RESULTS_FORM}") from error
     if url.drivername not in ("postgresql", "postgresql+psycopg") or not url.database:
-        raise InputError(f"results = {shown(url)}: {_PLACES}")
+        raise InputError(f"results = {shown(url)}: {_RESULTS_FORM}")
     return url.set(drivername="postgresql+psycopg")
 
 

@@ -80,17 +80,19 @@ class Counters:
 
 
 # The last override of each part.
-_LAST = overrides.alias("last")
-_AGAIN = overrides.alias("again")
-_LAST_OVERRIDE = same_part(_LAST, results) & (
-    _LAST.c.position
-    == select(func.max(_AGAIN.c.position)).where(same_part(_AGAIN, results)).scalar_subquery()
+_LAST_OVERRIDE = overrides.alias("last")
+_SAME_PART_OVERRIDES = overrides.alias("again")
+_IS_LAST_OVERRIDE = same_part(_LAST_OVERRIDE, results) & (
+    _LAST_OVERRIDE.c.position
+    == select(func.max(_SAME_PART_OVERRIDES.c.position))
+    .where(same_part(_SAME_PART_OVERRIDES, results))
+    .scalar_subquery()
 )
-JOINED = results.outerjoin(_LAST, _LAST_OVERRIDE)
+JOINED = results.outerjoin(_LAST_OVERRIDE, _IS_LAST_OVERRIDE)
 """The results, each with its last override."""
 IS_COLLECTED = cast(results.c.causes, Text) == json.dumps([Cause.COLLECTED])
 """Whether a part was collected to be taught: it was not judged, and has no part in a yield."""
-IN_FORCE = func.coalesce(_LAST.c.decision, results.c.decision)
+IN_FORCE = func.coalesce(_LAST_OVERRIDE.c.decision, results.c.decision)
 """The verdict that holds, in `JOINED`."""
 
 
@@ -125,7 +127,7 @@ def entries(
 
 def _selected(station: str, selection: Selection) -> Select[Any]:
     names = ("decision", "by", "reason", "utc")
-    override = [_LAST.c[name].label(f"override_{name}") for name in names]
+    override = [_LAST_OVERRIDE.c[name].label(f"override_{name}") for name in names]
     joined = JOINED.outerjoin(removed_sets, same_part(removed_sets, results))
     return (
         select(results, *override, removed_sets.c.utc.label("set_removed_utc"))

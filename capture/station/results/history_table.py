@@ -11,14 +11,14 @@ from .chain import Head
 from .history import Counters, HistoryEntry
 from .part_result import COLUMNS as RESULT_COLUMNS
 
-_FIRST = (
+_FIRST_COLUMNS = (
     "station", "number", "part_id", "triggered_utc", "verdict", "reason", "causes", "simulated",
     "override", "set_removed_utc", "station_verdict",
 )  # fmt: skip
-_RENAMED = "decision"  # to verdict and station_verdict
+_RENAMED_COLUMN = "decision"  # to verdict and station_verdict
 COLUMNS = (
-    *_FIRST,
-    *(name for name in RESULT_COLUMNS if name not in (*_FIRST, _RENAMED)),
+    *_FIRST_COLUMNS,
+    *(name for name in RESULT_COLUMNS if name not in (*_FIRST_COLUMNS, _RENAMED_COLUMN)),
 )
 
 

@@ -9,12 +9,12 @@ from classify.base.errors import InputError
 
 from .schema import begun_parts, lower_ascii
 
-_LONGEST = 100
+_MAX_LENGTH = 100
 # They are also file names on every system: no leading dot, no blank.
-_GIVEN = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+_PART_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 # Devices of Windows, whatever follows their name.
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
-_MADE = re.compile(r"part-\d+", re.IGNORECASE)
+_GENERATED_ID = re.compile(r"part-\d+", re.IGNORECASE)
 
 
 def made_part_id(number: int) -> str:
@@ -24,24 +24,24 @@ def made_part_id(number: int) -> str:
 
 def bounded_part_id(text: str) -> str:
     """Return a text that is still no id if it is none, in little memory and without surrogates."""
-    return text[: _LONGEST + 1].encode("utf-8", "backslashreplace").decode()
+    return text[: _MAX_LENGTH + 1].encode("utf-8", "backslashreplace").decode()
 
 
 def shown_part_id(part_id: str) -> str:
     """Return an id that may be invalid for lines of text: its beginning, escaped."""
-    return escaped(part_id[:_LONGEST])
+    return escaped(part_id[:_MAX_LENGTH])
 
 
 def require_given_part_id(part_id: str) -> str:
     """Return the id of a trigger; it must name a file, and not look like an id of the station."""
-    if not _GIVEN.fullmatch(part_id):
+    if not _PART_ID.fullmatch(part_id):
         raise InputError(
-            f"part id {part_id[:_LONGEST]!r}: give 1 to 100 letters, digits, dots, dashes or "
+            f"part id {part_id[:_MAX_LENGTH]!r}: give 1 to 100 letters, digits, dots, dashes or "
             "underscores, the first a letter or a digit"
         )
     if _DEVICE.fullmatch(part_id):
         raise InputError(f"part id {part_id}: cannot be a file name on Windows; give another one")
-    if _MADE.fullmatch(part_id):
+    if _GENERATED_ID.fullmatch(part_id):
         raise InputError(
             f"part id {part_id}: the station makes ids of this form itself; give another one"
         )

@@ -63,8 +63,8 @@ class Changeover:
         if not self._one.acquire(timeout=TIMEOUT_S):
             raise RecipeRefused("another recipe is being loaded", RecipeRefusal.BUSY)
         try:
-            request = WantedRecipe(self._recipes.load(name, by, self._go_on), by)
-            self._go_on()
+            request = WantedRecipe(self._recipes.load(name, by, self._raise_if_cancelled), by)
+            self._raise_if_cancelled()
             yield request
         except RecipeRefused as error:
             self._publish(Warned(f"recipe {name} is not loaded for {by.name}: {error}"))
@@ -72,13 +72,13 @@ class Changeover:
         finally:
             self._one.release()
 
-    def _go_on(self) -> None:
+    def _raise_if_cancelled(self) -> None:
         if self._is_stopping():
             raise RecipeRefused("the station stops", RecipeRefusal.NOT_READY)
 
     def want(self, request: WantedRecipe) -> None:
         """Let the station take a recipe as soon as no part is in progress, unless it stops."""
-        self._go_on()
+        self._raise_if_cancelled()
         self._wanted = request
 
     def refuse(self, reason: str) -> None:

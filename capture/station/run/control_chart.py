@@ -33,7 +33,7 @@ _LOW = (
     f"least {_WARN_LED_LEVEL:.0%}; parts become errors below {STOP_LED_LEVEL:.0%} of the "
     "brightest; clean or replace it"
 )
-_LONGEST = max(points for points, _, _ in _RULES)
+_MAX_RULE_POINTS = max(points for points, _, _ in _RULES)
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class _RuleSeries:
         self._least = least
         self._first: list[float] = []
         self.baseline: Baseline | None = None
-        self._recent: deque[float] = deque(maxlen=_LONGEST)
+        self._recent: deque[float] = deque(maxlen=_MAX_RULE_POINTS)
 
     def add(self, point: float) -> tuple[str, ...]:
         """Add a point; return which rules it breaks, in words."""
@@ -102,7 +102,9 @@ class NewWarnings:
     def begun(self, holding: Sequence[str]) -> tuple[str, ...]:
         """Return the new ones among the warnings that hold at a point."""
         begun = tuple(text for text in holding if text not in self._since)
-        counts = {text: count + 1 for text, count in self._since.items() if count < _LONGEST}
+        counts = {
+            text: count + 1 for text, count in self._since.items() if count < _MAX_RULE_POINTS
+        }
         self._since = counts | dict.fromkeys(holding, 0)
         return begun
 

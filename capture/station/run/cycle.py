@@ -50,7 +50,7 @@ _RETRY_S = 0.5
 # Time that a result waits for the database after a stop; then the next start makes it an ERROR.
 _LAST_WAIT_S = 5.0
 # These errors concern one set; the rig needs no recovery.
-_OF_THE_SET = (SetRejected, CalibrationError)
+_SET_ERRORS = (SetRejected, CalibrationError)
 
 
 class Station:
@@ -273,7 +273,7 @@ class Station:
                 self.stop()
             self._exposed.put(part)
             self._live.publish(ExposureComplete(begun.part_id, begun.number))
-            if error is None or isinstance(error, _OF_THE_SET):
+            if error is None or isinstance(error, _SET_ERRORS):
                 self._become_free()
             else:
                 # The state of the rig is unknown.

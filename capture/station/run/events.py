@@ -175,7 +175,7 @@ Event = (
 
 _DIGITS = 8  # of a hash, for people to compare
 # What programs need of a result that is announced; its row has the rest.
-_OF_RESULT = (
+_RESULT_FIELDS = (
     "part_id", "number", "decision", "causes", "reason", "simulated", "set_file", "chain_sha256",
 )  # fmt: skip
 
@@ -237,7 +237,7 @@ def json_fields(event: Event) -> dict[str, Any]:
 
 
 def _of(result: PartResult) -> dict[str, Any]:
-    return {name: result.row[name] for name in _OF_RESULT}
+    return {name: result.row[name] for name in _RESULT_FIELDS}
 
 
 def _part(result: PartResult) -> str:

@@ -30,7 +30,7 @@ from .station_clock import StationClock
 from .station_rig import StationRig
 from .triggers import Asker, RecipeRefusal, RecipeRefused
 
-_KINDS: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
+_REFUSAL_OF_ERROR: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
     (NotApproved, RecipeRefusal.NOT_APPROVED),
     (ChallengeFailed, RecipeRefusal.CHALLENGE),
     (Ps4rigError, RecipeRefusal.UNUSABLE),
@@ -52,12 +52,12 @@ class UsableRecipe:
 
     @cached_property
     def loaded(self) -> RecipeLoaded:
-        """The event that announces the recipe when it is taken, always the same object."""
+        """The event that announces the recipe when it is put into use."""
         return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
 
 
 class RecipeLoader:
-    """Loads the recipes of a station, each with what makes results by it."""
+    """Loads the recipes of a station, each with the `PartJudge` that judges by it."""
 
     def __init__(
         self,
@@ -94,17 +94,17 @@ class RecipeLoader:
         self,
         files: RecipeFolder,
         by: str = "",
-        go_on: Callable[[], None] = lambda: None,
+        raise_if_cancelled: Callable[[], None] = lambda: None,
         approved: Recipe | None = None,
     ) -> UsableRecipe:
         """Load a recipe, or an approved state of it, which must meet its challenge set.
 
-        `go_on` is called before each part of the set; an exception of it ends the work.
+        `raise_if_cancelled` is called before each part of the set; its exception ends the work.
         """
         inspector = Inspector.of(approved or read_recipe(files.file), files, self._calibration)
         recipe, fingerprint = inspector.recipe, inspector.fingerprint
         require_approved(recipe)
-        require_challenge(files, inspector, go_on)
+        require_challenge(files, inspector, raise_if_cancelled)
         fields = {
             "recipe": recipe.name,
             "recipe_version": recipe.version,
@@ -145,7 +145,7 @@ class RecipeLoader:
 class RunRecipes:
     """The recipes of a running station, whose rig has the settings of the first one.
 
-    One method runs at a time; only `load` runs while parts go on.
+    Methods are not called concurrently; only `load` may run while parts are inspected.
     """
 
     def __init__(
@@ -159,20 +159,21 @@ class RunRecipes:
         self._folder, self._loader, self._store, self._rig = folder, loader, store, rig
         self.present = first
 
-    def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
-        """Load a recipe, or raise RecipeRefused; `go_on` as in `RecipeLoader.load`."""
+    def load(self, name: str, by: Asker, raise_if_cancelled: Callable[[], None]) -> UsableRecipe:
+        """Load a recipe, or raise RecipeRefused; `raise_if_cancelled` as in `RecipeLoader.load`."""
         try:
             files = self._folder.recipe_files(name)
             if not files.file.is_file():
                 raise RecipeRefused(f"recipe {name}: no such recipe", RecipeRefusal.UNKNOWN)
-            usable = self._loader.load(files, by.name, go_on)
+            usable = self._loader.load(files, by.name, raise_if_cancelled)
             require_unchanged(usable.recipe, by.seen_sha256)
             require_no_fault(self._checks_of(usable))
         except RecipeRefused:
             raise
         except Exception as error:
             kind = next(
-                (kind for error_kind, kind in _KINDS if isinstance(error, error_kind)), None
+                (kind for error_kind, kind in _REFUSAL_OF_ERROR if isinstance(error, error_kind)),
+                None,
             )
             raise RecipeRefused(error_text(error), kind or RecipeRefusal.UNFORESEEN) from error
         return usable
@@ -183,7 +184,7 @@ class RunRecipes:
         return self._checks_of(recipe)
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:
-        """Record a taken recipe, with which the next run begins, or raise RecipeRefused."""
+        """Record the recipe in use, with which the next run begins, or raise RecipeRefused."""
         try:
             keep_recipe(self._folder, recipe.recipe.name)
             try:
@@ -212,9 +213,9 @@ class RunRecipes:
 
 
 def _approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:
-    """Return the approved state that judged last, before the last approved one; None without any.
+    """Return the approved state that judged the last part, else the last approved one, or None.
 
-    After a roll-back the last approved one is not the one in use.
+    After a roll-back the last approved state is not the one in use.
     """
     approved = {state.sha256: state for state in approved_states(files)}
     judged = next(store.parts(Selection(recipe=files.name), newest=1), None)

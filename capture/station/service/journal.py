@@ -30,7 +30,7 @@ _SOCKET = Path("/run/systemd/journal/socket")
 _TIMEOUT_S = 1.0
 # Priorities of syslog(3).
 _ERROR, _WARNING, _NOTICE, _INFO = 3, 4, 5, 6
-_OF_DECISION = {Decision.PASS: _INFO, Decision.ERROR: _WARNING}
+_PRIORITY_OF_DECISION = {Decision.PASS: _INFO, Decision.ERROR: _WARNING}
 
 
 def is_connected_to_journal(environment: Mapping[str, str], descriptor: int) -> bool:
@@ -71,7 +71,7 @@ def _priority(event: Event) -> int:
         case Warned() | TriggerRefused():
             return _WARNING
         case PartAnnounced(result, _) | PartRecovered(result):
-            return _OF_DECISION.get(result.verdict.decision, _NOTICE)
+            return _PRIORITY_OF_DECISION.get(result.verdict.decision, _NOTICE)
         case _:
             return _INFO
 

@@ -21,8 +21,8 @@ from .measurement_mode import GenicamCameraConfig
 from .pixel_formats import packed_12p
 
 TRIGGER_LINE = "Line1"
-# Aravis knows triggers by software alone, and no packed pixels: here that source is called as an
-# input of the camera, and its colour format is replaced by one with 12 bits a pixel (PFNC).
+# Aravis' fake camera has only a software trigger, and no packed pixels. Its trigger source gets the
+# name of an input line, and its colour format is replaced by one with 12 bits a pixel (PFNC).
 _CHANGES = (
     ('Name="Software"', f'Name="{TRIGGER_LINE}"'),
     ('Name="RGB8"', 'Name="Mono12p"'),
@@ -59,9 +59,10 @@ def _pointer(instance: Any) -> int:
 # Frames later than this share of a period are skipped: a free-running camera sends a frame as
 # soon as it is read out.
 _MAX_LATE_PERIODS = 0.25
-# Late ones, with those that wait, until the thread must answer its client again.
-_FRAMES = 8
-_ALL = 1.0  # of the packets of a frame
+# Late frames that are skipped, and waits of two periods for a pulse, until the thread must answer
+# its client again.
+_MAX_ATTEMPTS = 8
+_ALL_PACKETS = 1.0  # of the packets of a frame
 # By depth: a format, and the function that encodes an image.
 _FORMATS: dict[int, tuple[str, Callable[[Pixels], bytes]]] = {
     8: ("Mono8", lambda pixels: pixels.astype(np.uint8, copy=False).tobytes()),
@@ -111,7 +112,7 @@ class FakeGigeCamera:
         def fill(buffer: int, _data: int, exposure_us: int, *_: int) -> None:
             frame = None
             with suppress(CameraError):  # no pulse for two periods
-                for _attempt in range(_FRAMES):
+                for _attempt in range(_MAX_ATTEMPTS):
                     if (
                         frame := source.next_frame(_MAX_LATE_PERIODS, exposure_us / 1e3)
                     ) is not None:
@@ -119,7 +120,7 @@ class FakeGigeCamera:
             if self._camera is None:  # it ends
                 return
             # The buffer has an earlier image, which may not be sent again.
-            self._camera.props.gvsp_lost_ratio = _ALL if frame is None else self._lost_share
+            self._camera.props.gvsp_lost_ratio = _ALL_PACKETS if frame is None else self._lost_share
             if frame is None:
                 return
             image = self._encoded(frame.pixels)
@@ -153,7 +154,7 @@ class FakeGigeCamera:
     def close(self) -> None:
         """End the camera; a second call does nothing."""
         if self._camera is not None:
-            self._camera.props.gvsp_lost_ratio = _ALL
+            self._camera.props.gvsp_lost_ratio = _ALL_PACKETS
         self._camera = None  # waits for `fill`
 
 

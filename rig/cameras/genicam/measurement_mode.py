@@ -62,7 +62,7 @@ HELD: dict[str, bool | str] = {
     "SharpnessEnabled": False,
     "ChunkModeActive": False,
 }
-_ONE = (
+_UNIT_FEATURES = (
     "BinningHorizontal", "BinningVertical", "DecimationHorizontal", "DecimationVertical",
     "AcquisitionBurstFrameCount",
 )  # fmt: skip
@@ -126,7 +126,7 @@ def set_measurement_mode(camera: AravisCamera, config: GenicamCameraConfig) -> f
     settings = Settings(camera)
     for feature, value in HELD.items():
         settings.hold_if_there(feature, value)
-    for feature in _ONE:
+    for feature in _UNIT_FEATURES:
         settings.hold_if_there(feature, 1)
     for feature, pixels in (
         ("OffsetX", 0), ("OffsetY", 0), ("Width", config.width_px), ("Height", config.height_px)

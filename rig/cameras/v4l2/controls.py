@@ -22,7 +22,7 @@ _READABLE = (
 )
 # Errors of the whole device, not of a control.
 _DEVICE_ERRORS = (errno.ENODEV, errno.ENXIO, errno.EBUSY)
-_OTHER = "use another camera, because images of this one cannot be measured"
+_USE_ANOTHER_CAMERA = "use another camera, because images of this one cannot be measured"
 # Bounds the lists of a faulty driver; real ones have fewer than 100 entries.
 _MAX_CONTROLS = 1024
 _MAX_MENU = 256
@@ -107,7 +107,9 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
         )
     if control.flags & abi.CtrlFlag.READ_ONLY:
         held = _held(device, control)
-        raise _error(device, control, f"is read-only{held}; it cannot be set to {value}", _OTHER)
+        raise _error(
+            device, control, f"is read-only{held}; it cannot be set to {value}", _USE_ANOTHER_CAMERA
+        )
     item = abi.ExtControl(id=control.id)
     if control.kind == abi.CtrlType.INTEGER64:
         item.payload.value64 = value
@@ -135,7 +137,7 @@ def _error(device: V4l2Device, control: Control, finding: str, advice: str = "")
     """An error about a control; the default advice is for one that does not keep its value."""
     advice = advice or (
         "the camera does not obey: close other programs that use it; if v4l2-ctl -d "
-        f"{device.path} cannot set it either, {_OTHER}"
+        f"{device.path} cannot set it either, {_USE_ANOTHER_CAMERA}"
     )
     fault = ControlFault(control.slug, f"control {control.slug} {finding}", advice)
     return ControlError(device.path, fault)

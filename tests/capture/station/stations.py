@@ -127,7 +127,7 @@ class FakeRecipes:
 
     def __init__(self) -> None:
         self.on_load: Callable[[str], None] = lambda _: None
-        self.go_on: Callable[[], None] = lambda: None
+        self.raise_if_cancelled: Callable[[], None] = lambda: None
         self.on_use: Callable[[str], None] = lambda _: None
         self.on_keep: Callable[[str], None] = lambda _: None
         self.present: UsableRecipe
@@ -141,8 +141,8 @@ class FakeRecipes:
         recipe = Recipe(name=name, passes=("rock",))
         return UsableRecipe(self._judge_of(name), Collector(recipe), by=by)
 
-    def load(self, name: str, by: Asker, go_on: Callable[[], None]) -> UsableRecipe:
-        self.asker, self.go_on = by, go_on
+    def load(self, name: str, by: Asker, raise_if_cancelled: Callable[[], None]) -> UsableRecipe:
+        self.asker, self.raise_if_cancelled = by, raise_if_cancelled
         self.on_load(name)
         return self.usable(name, by.name)
 

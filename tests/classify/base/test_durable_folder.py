@@ -13,7 +13,7 @@ NAMES = ("index", "a", "b")
 
 
 def write(folder: Path, text: str, *names: str, error: BaseException | None = None) -> None:
-    with durable_folder(folder, NAMES, first="index") as temporary:
+    with durable_folder(folder, NAMES, marker="index") as temporary:
         for name in names or NAMES:
             (temporary / name).write_text(text)
         if error is not None:

@@ -98,12 +98,16 @@ class GaugeStudy:
     @property
     def rating(self) -> Rating:
         """The rating by AIAG; unacceptable without good parts or without bad parts."""
-        found = (self.effectiveness.share, self.misses.share, self.false_alarms.share)
-        if any(value is None for value in found):
+        shares = (self.effectiveness.share, self.misses.share, self.false_alarms.share)
+        if any(share is None for share in shares):
             return "unacceptable"
-        effective, missed, alarmed = (value or 0.0 for value in found)
-        for rating, (least, misses, alarms) in _RATINGS:
-            if effective >= least and missed <= misses and alarmed <= alarms:
+        effectiveness, misses, false_alarms = (share or 0.0 for share in shares)
+        for rating, (min_effectiveness, max_misses, max_false_alarms) in _RATINGS:
+            if (
+                effectiveness >= min_effectiveness
+                and misses <= max_misses
+                and false_alarms <= max_false_alarms
+            ):
                 return rating
         return "unacceptable"
 
@@ -111,18 +115,18 @@ class GaugeStudy:
         """Return the report, one finding per line."""
         parts = self._parts()
         bad = sum(not is_good for is_good in parts.values())
-        effective, missed, alarmed = ACCEPTABLE
+        min_effectiveness, max_misses, max_false_alarms = ACCEPTABLE
         lines = [
             f"{len(parts)} known parts, {bad} of them bad, {len(self.presentations)} presentations",
-            f"effectiveness: {self.effectiveness}; acceptable is {effective:.0%} or more",
-            f"misses: {self.misses}; acceptable is {missed:.0%} or less",
-            f"false alarms: {self.false_alarms}; acceptable is {alarmed:.0%} or less",
-            f"this gauge is {self.rating}; bounds are of parts, with {CONFIDENCE:.0%} confidence",
+            f"effectiveness: {self.effectiveness}; acceptable is {min_effectiveness:.0%} or more",
+            f"misses: {self.misses}; acceptable is {max_misses:.0%} or less",
+            f"false alarms: {self.false_alarms}; acceptable is {max_false_alarms:.0%} or less",
+            f"this gauge is {self.rating}; bounds count parts, with {CONFIDENCE:.0%} confidence",
         ]
-        needed = trials_to_show(missed)
+        needed = trials_to_show(max_misses)
         if self.misses.events == 0 and bad < needed:
             lines.append(
-                f"{bad} bad parts without a miss do not show {missed:.0%}: that takes {needed}"
+                f"{bad} bad parts without a miss do not show {max_misses:.0%}: that takes {needed}"
             )
         return lines
 
@@ -152,13 +156,13 @@ class GaugeStudy:
         }
 
     def _wrong_of(self, *, is_good: bool) -> Share:
-        shown = [
+        presented = [
             presentation for presentation in self.presentations if presentation.is_good == is_good
         ]
         parts = sum(truth == is_good for truth in self._parts().values())
         wrong = sum(truth == is_good for truth in self._wrong_parts().values())
-        events = sum(not presentation.is_right for presentation in shown)
-        return Share.of(events, len(shown), share_at_most(wrong, parts))
+        events = sum(not presentation.is_right for presentation in presented)
+        return Share.of(events, len(presented), share_at_most(wrong, parts))
 
 
 def read_known_parts(path: Path) -> dict[str, bool]:
@@ -194,9 +198,9 @@ def presentations_of(
 
     A presentation has the id of its part, or that with a dash and a suffix, such as ``K07-2``.
     """
-    found = []
+    presentations = []
     for part_id, verdict in recorded:
         name = part_id if part_id in known else part_id.rpartition("-")[0]
         if name in known:
-            found.append(Presentation(name, known[name], verdict.decision, verdict.reason))
-    return found
+            presentations.append(Presentation(name, known[name], verdict.decision, verdict.reason))
+    return presentations

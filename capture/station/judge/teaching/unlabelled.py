@@ -10,7 +10,7 @@ from .taught_part import TaughtPart
 # Distance between two groups of sets, by average linkage, from which they are two textures; two
 # quarters of one frame have 1. Up to 1.07 within rock, sand, malv and ogil, and 3.8 to 46 between
 # two of them (4 to 16 sets, test_unlabelled.py).
-_APART = 2.0
+_GROUP_DISTANCE = 2.0
 
 
 def unlabelled_remarks(parts: Sequence[TaughtPart]) -> Iterator[str]:
@@ -28,7 +28,7 @@ def require_one_texture(parts: Sequence[TaughtPart]) -> None:
     if len(parts) < 2:
         return
     rows, tests = [part.row for part in parts], [part.test for part in parts]
-    groups = groups_alike(rows, tests, parts[0].segment_px, _APART)
+    groups = groups_alike(rows, tests, parts[0].segment_px, _GROUP_DISTANCE)
     firsts = [groups.index(group) for group in sorted(set(groups))]
     if len(firsts) > 1:
         named = ", ".join(

@@ -1,4 +1,4 @@
-"""`PictureMaker`: pictures of stored parts, made part by part, kept for a while."""
+"""`PictureMaker`: pictures of stored parts, made in a thread and cached."""
 
 import threading
 from collections import OrderedDict
@@ -38,7 +38,7 @@ _Key = tuple[str, str | None, str]
 
 
 class PictureMaker:
-    """Has pictures of stored parts made in a thread, once for all who ask."""
+    """Makes pictures of stored parts in a thread; requests for one part share the work."""
 
     def __init__(self, folder: StationFolder) -> None:
         self._folder = folder

@@ -37,7 +37,7 @@ _REPORT_POLICY = (
     "default-src 'none'; style-src 'unsafe-inline'; img-src data:; sandbox; "
     "frame-ancestors 'none'; base-uri 'none'; form-action 'none'"
 )
-_CHOSEN = "part."
+_CHOSEN_PREFIX = "part."
 
 
 router = APIRouter(include_in_schema=False)
@@ -161,7 +161,9 @@ def _is_usable(entry: HistoryEntry) -> bool:
 
 def _chosen_ids(call: Call) -> list[str]:
     """Return the parts that are ticked, and those that are given by their id."""
-    ticked = [name.removeprefix(_CHOSEN) for name in call.fields if name.startswith(_CHOSEN)]
+    ticked = [
+        name.removeprefix(_CHOSEN_PREFIX) for name in call.fields if name.startswith(_CHOSEN_PREFIX)
+    ]
     given = call.text("ids", call.request.query_params.get("ids", ""))
     return list(dict.fromkeys([*ticked, *given.replace(",", " ").split()]))
 

@@ -354,7 +354,7 @@ def test_a_stop_ends_the_loading_of_a_recipe(station: Bench) -> None:
 
     def replay(_: str) -> None:
         loading.set()
-        until_so(lambda: bool(recipes.go_on()))  # type: ignore[func-returns-value]
+        until_so(lambda: bool(recipes.raise_if_cancelled()))  # type: ignore[func-returns-value]
 
     recipes.on_load = replay
 

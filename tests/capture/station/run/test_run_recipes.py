@@ -55,7 +55,7 @@ def recipes(opened: StationFolder, loader: RecipeLoader, store: ResultStore) -> 
     return RunRecipes(opened, loader, store, rig, first)
 
 
-def go_on() -> None:
+def raise_if_cancelled() -> None:
     """Let the work go on."""
 
 
@@ -77,7 +77,7 @@ def test_a_changed_recipe_comes_into_force_when_it_is_loaded_again(
     before = recipes.present
     changed(files, note="sheet 7")
     assert recipes.present is before
-    wanted = recipes.load("example", KIM, go_on)
+    wanted = recipes.load("example", KIM, raise_if_cancelled)
     recipes.use(wanted)
     assert recipes.present is before
     assert newest_changes(store, 5) == []  # the self-test may still fail
@@ -97,10 +97,13 @@ def test_a_recipe_that_was_changed_since_somebody_saw_it_is_refused(
     seen = read_recipe(files.file).sha256
     changed(files, note="sheet 7")
     with pytest.raises(RecipeRefused, match="changed by somebody else since you saw it") as refused:
-        recipes.load("example", Asker("kim", "engineer", seen), go_on)
+        recipes.load("example", Asker("kim", "engineer", seen), raise_if_cancelled)
     assert refused.value.kind is RecipeRefusal.UNUSABLE
     now = read_recipe(files.file).sha256
-    assert recipes.load("example", Asker("kim", "engineer", now), go_on).recipe.sha256 == now
+    assert (
+        recipes.load("example", Asker("kim", "engineer", now), raise_if_cancelled).recipe.sha256
+        == now
+    )
 
 
 def test_the_light_of_the_recipe_is_that_of_the_rig(
@@ -153,7 +156,7 @@ def test_a_rig_that_was_not_taught_fails_the_self_test_and_captures_no_part(
 def refusal(recipes: RunRecipes, name: str = "example") -> RecipeRefused:
     present = recipes.present
     with pytest.raises(RecipeRefused) as raised:
-        recipes.load(name, KIM, go_on)
+        recipes.load(name, KIM, raise_if_cancelled)
     assert recipes.present is present
     return raised.value
 
@@ -206,7 +209,7 @@ def test_the_end_of_a_run_ends_the_replay_and_records_none_of_it(
     recipes: RunRecipes, files: RecipeFolder
 ) -> None:
     changed(files, note="sheet 7")
-    recipes.load("example", KIM, go_on)
+    recipes.load("example", KIM, raise_if_cancelled)
     files.replay.unlink()
     begun: list[None] = []
 
