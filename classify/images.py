@@ -62,14 +62,14 @@ class ImageStack:
         """(N, n) values less ambient light of pixels with these flat indices."""
         return self.raw_at(pixels) - self.dark_at(pixels)
 
-    def sample(self, most: int, gains: FloatMap) -> tuple[FloatMap, FloatMap]:
+    def sample(self, max_count: int, gains: FloatMap) -> tuple[FloatMap, FloatMap]:
         """(N, n) values of `sample_pixels`, and the same less ambient light and times the gains."""
-        pixels = sample_pixels(self.shape, most)
+        pixels = sample_pixels(self.shape, max_count)
         raw = self.raw_at(pixels)
         return raw, (raw - self.dark_at(pixels)) * gains[:, None]
 
     def materialised(self) -> ImageStack:
-        """The stack with values that `DividedStack` divides on access written into its images."""
+        """Return the images as plain arrays; a `DividedStack`, which divides on access, divides."""
         return self
 
     def rows(self, first: int, last: int) -> ImageStack:
@@ -137,10 +137,10 @@ def _check_values(image: FloatMap, name: str) -> None:
 
 
 @lru_cache(maxsize=32)
-def sample_pixels(shape: tuple[int, int], most: int, margin: int = 0) -> Indices:
-    """Flat indices of about `most` pixels, even and symmetric, `margin` px from the sides."""
+def sample_pixels(shape: tuple[int, int], max_count: int, margin: int = 0) -> Indices:
+    """Flat indices of about `max_count` pixels, even and symmetric, `margin` px from the sides."""
     rows, columns = (max(0, side - 2 * margin) for side in shape)
-    step = max(1, math.ceil(math.sqrt(rows * columns / most)))
+    step = max(1, math.ceil(math.sqrt(rows * columns / max_count)))
     grid = (margin + symmetric_samples(rows, step)), (margin + symmetric_samples(columns, step))
     return (grid[0][:, None] * shape[1] + grid[1]).ravel()
 

@@ -54,7 +54,8 @@ class StepFit:
     """The fitted model."""
 
     start_s: float  # from the reported to the true exposure start of the first row
-    deviation_s: float  # largest, plus one standard deviation for frames that were not measured
+    # Largest deviation of a stamp, plus a standard deviation as margin for other frames.
+    deviation_s: float
     readout_s: float  # from the row that is exposed first to the last one
     readout_error_s: float
     bottom_up: bool
@@ -64,14 +65,14 @@ class StepFit:
     misfit: float  # rms residual of the shares
 
 
-def lit_share(left_s: Floats, exposure_s: float, tau_s: float) -> Floats:
-    """F of the module's formula, for rows with `left_s` = x."""
+def lit_share(lit_s: Floats, exposure_s: float, tau_s: float) -> Floats:
+    """F of the module's formula, for rows with `lit_s` = x."""
 
     def collected(x: Floats) -> Floats:
         lit = np.maximum(x, 0.0)
         return lit + tau_s * np.expm1(-lit / tau_s)
 
-    share: Floats = (collected(left_s) - collected(left_s - exposure_s)) / exposure_s
+    share: Floats = (collected(lit_s) - collected(lit_s - exposure_s)) / exposure_s
     return share
 
 
@@ -81,19 +82,19 @@ def fit_steps(steps: Steps) -> StepFit:
 
     log_tau = math.log(_GRID_TAU_S)
     low, high = (math.log(limit) for limit in _TAU_LIMITS_S)
-    few = replace(steps, shares=steps.shares[:, _GRID_BANDS], bands=steps.bands[_GRID_BANDS])
-    begin = min(
+    coarse = replace(steps, shares=steps.shares[:, _GRID_BANDS], bands=steps.bands[_GRID_BANDS])
+    start = min(
         (
             np.array([start_s, readout_s, log_tau, log_tau])
             for start_s in np.arange(-2.0, 3.0, _GRID_PERIODS) * steps.period_s
             for readout_s in np.linspace(-steps.period_s, steps.period_s, _GRID_READOUTS)
         ),
-        key=lambda values: float(np.abs(_misfit(few, values)).sum()),
+        key=lambda values: float(np.abs(_misfit(coarse, values)).sum()),
     )
     span = 4.0 * steps.period_s
     solution = least_squares(
         lambda values: _misfit(steps, values).ravel(),
-        begin,
+        start,
         loss="soft_l1",
         f_scale=_SOFT_SHARE,
         x_scale=(1e-3, 1e-3, 0.3, 0.3),
@@ -124,15 +125,15 @@ def fit_steps(steps: Steps) -> StepFit:
 def _misfit(steps: Steps, values: Floats) -> Floats:
     """(F, B) model minus measurement, for D, R and the logarithms of both time constants."""
     start_s, readout_s, log_rise, log_fall = (float(value) for value in values)
-    left = _left_s(steps, start_s, readout_s)
+    lit_s = _lit_s(steps, start_s, readout_s)
     rising = steps.rising[:, None]
-    risen = lit_share(left, steps.exposure_s, math.exp(log_rise))
-    fallen = 1.0 - lit_share(left, steps.exposure_s, math.exp(log_fall))
+    risen = lit_share(lit_s, steps.exposure_s, math.exp(log_rise))
+    fallen = 1.0 - lit_share(lit_s, steps.exposure_s, math.exp(log_fall))
     difference: Floats = np.where(rising, risen, fallen) - steps.shares
     return difference
 
 
-def _left_s(steps: Steps, start_s: float, readout_s: float) -> Floats:
+def _lit_s(steps: Steps, start_s: float, readout_s: float) -> Floats:
     """(F, B) x of the module's formula: part of each band's exposure after the step."""
     begins = steps.reported_s[:, None] + start_s + steps.bands * readout_s
     return begins + steps.exposure_s
@@ -143,17 +144,17 @@ def _frame_offsets(
 ) -> Floats:
     """Offset of the start of each frame that contains a step: the median of its bands."""
     table_s = np.linspace(-0.1 * steps.exposure_s, 1.1 * steps.exposure_s, 4001)
-    expected = _left_s(steps, start_s, readout_s)
+    expected = _lit_s(steps, start_s, readout_s)
     differences = []
     for rising, tau_s in ((True, rise_s), (False, fall_s)):
         curve = lit_share(table_s, steps.exposure_s, tau_s)
         chosen = steps.rising == rising
         shares = steps.shares[chosen] if rising else 1.0 - steps.shares[chosen]
-        for frame, left in zip(shares, expected[chosen], strict=True):
+        for frame, lit_s in zip(shares, expected[chosen], strict=True):
             caught = (frame > _CAUGHT[0]) & (frame < _CAUGHT[1])
             if caught.any():
                 after_s = np.interp(frame[caught], curve, table_s)
-                differences.append(float(np.median(after_s - left[caught])))
+                differences.append(float(np.median(after_s - lit_s[caught])))
     return np.array(differences)
 
 

@@ -27,9 +27,9 @@ from .pictures import Picture
 from .surface_maps import RELIT_LIGHT, SurfaceMaps
 from .views import MapKind, MapView, mask_picture
 
-_OF_A_PIXEL = "ISO 25178-2 over the valid pixels, at the scale of a pixel"
+_PIXEL_SCALE_NOTE = "ISO 25178-2 over the valid pixels, at the scale of a pixel"
 _RELATIVE_NOTE = (
-    f"{_OF_A_PIXEL}; {{}}. Sa and Sq come from relative height without its "
+    f"{_PIXEL_SCALE_NOTE}; {{}}. Sa and Sq come from relative height without its "
     "mean plane and are not lengths: compare them only between images of one size and "
     "magnification."
 )
@@ -52,7 +52,7 @@ def _roughness_note(maps: SurfaceMaps) -> str:
     noise = _WITH_NOISE if maps.roughness_uncertainty is None else _WITHOUT_NOISE
     if maps.mm_per_px is None:
         return _RELATIVE_NOTE.format(noise)
-    return _LENGTHS_NOTE.format(_OF_A_PIXEL, maps.mm_per_px, noise)
+    return _LENGTHS_NOTE.format(_PIXEL_SCALE_NOTE, maps.mm_per_px, noise)
 
 
 def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dict[str, Any] | None:

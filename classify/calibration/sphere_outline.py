@@ -102,8 +102,8 @@ def outline_of_mask(mask: BoolArray) -> Outline:
     ])  # fmt: skip
     start = Circle(float(columns.mean()), float(rows.mean()), radius)
     circle = fitted_circle(rim, np.ones(len(rim)), start)
-    off = np.hypot(rim[:, 0] - circle.column, rim[:, 1] - circle.row) / circle.radius - 1.0
-    if (rms := float(np.sqrt(np.mean(off**2)))) > _MAX_ROUNDNESS_ERROR + 0.5 / radius:
+    residuals = np.hypot(rim[:, 0] - circle.column, rim[:, 1] - circle.row) / circle.radius - 1.0
+    if (rms := float(np.sqrt(np.mean(residuals**2)))) > _MAX_ROUNDNESS_ERROR + 0.5 / radius:
         raise CalibrationRejected(
             f"the mask is not round: its edge is {rms:.1%} of the radius off a circle; let it be "
             "white on one sphere and black elsewhere"
@@ -300,6 +300,7 @@ def _off(points: Floats, circles: Floats) -> Floats:
 
 
 def _nearness(off: Floats, tolerance: float) -> Floats:
+    """Weight of an edge by its distance from the circle; its square is Tukey's biweight."""
     return np.asarray(np.maximum(1.0 - (off / tolerance) ** 2, 0.0))
 
 

@@ -134,14 +134,14 @@ def _words(tally: Tally) -> str:
     collected = f"; collected to be taught: {tally.collected}" if tally.collected else ""
     if not tally.parts:
         return f"no parts{collected}; triggers refused: {tally.refused_triggers}"
-    counts, own = (
+    counts, station_counts = (
         ", ".join(f"{verdicts.get(decision, 0)} {decision}" for decision in Decision)
         for verdicts in (tally.verdicts, tally.station_verdicts)
     )
-    passed = tally.verdicts.get(Decision.PASS, 0) / tally.parts
-    before = f"; before overrides {own}" if own != counts else ""
+    passed_share = tally.verdicts.get(Decision.PASS, 0) / tally.parts
+    before = f"; before overrides {station_counts}" if station_counts != counts else ""
     return (
-        f"parts {tally.parts}: {counts}; {passed:.1%} passed{before}{collected}; "
+        f"parts {tally.parts}: {counts}; {passed_share:.1%} passed{before}{collected}; "
         f"triggers refused: {tally.refused_triggers}"
     )
 
@@ -152,9 +152,11 @@ def _show_parts(entries: Iterable[HistoryEntry]) -> None:
         result, decision = entry.result, str(entry.decision)
         reason = result.verdict.reason
         if entry.override is not None:
-            given = entry.override
+            changed = entry.override
             decision += " *"
-            reason = f"{given.by}: {given.reason} (* station: {result.verdict.decision}, {reason})"
+            reason = (
+                f"{changed.by}: {changed.reason} (* station: {result.verdict.decision}, {reason})"
+            )
         if entry.set_removed_utc is not None:
             reason += f"; set removed {entry.set_removed_utc[:10]}"
         table.add_row(

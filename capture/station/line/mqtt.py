@@ -49,7 +49,7 @@ class MqttPublisher:
         self._is_sending = False
         self._confirmed_ids: set[int] = set()
         self._is_connected = self._is_closed = False
-        self._said = ""
+        self._last_logged = ""
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
         # All connections of a station use the same client id. A broker that has not noticed the
         # loss of the earlier one then ends it, and publishes its last will before "true".
@@ -153,8 +153,10 @@ class MqttPublisher:
         with self._changed:
             self._is_connected = True
             # The broker may have lost what it retained.
-            coming = {topic for topic, _ in self._waiting}
-            self._waiting += [each for each in self._last.items() if each[0] not in coming]
+            waiting_topics = {topic for topic, _ in self._waiting}
+            self._waiting += [
+                (topic, text) for topic, text in self._last.items() if topic not in waiting_topics
+            ]
             self._changed.notify_all()
         self._say("connected")
 
@@ -164,6 +166,6 @@ class MqttPublisher:
         self._say(f"not connected: {reason}")
 
     def _say(self, text: str) -> None:
-        if text != self._said and not self._is_closed:
-            self._said = text
+        if text != self._last_logged and not self._is_closed:
+            self._last_logged = text
             self._log(f"{self._where}: {text}")

@@ -25,15 +25,15 @@ def manual_limits(present: LimitsOf, measured: LimitsOf | None) -> LimitsOf:
 
     Without `measured`, all limits that teaching can measure count as measured.
     """
-    found = {}
+    manual = {}
     for texture, limits in present.items():
         if measured is None:
-            others = {name: value for name, value in limits if not ROWS[name].of_teaching}
+            values = {name: value for name, value in limits if not ROWS[name].of_teaching}
         else:
             taught = dict(measured.get(texture, Limits()))
-            others = {name: value for name, value in limits if value != taught[name]}
-        found[texture] = Limits.model_validate(others)
-    return found
+            values = {name: value for name, value in limits if value != taught[name]}
+        manual[texture] = Limits.model_validate(values)
+    return manual
 
 
 def with_set_limits(measured: LimitsOf, by_people: LimitsOf) -> dict[str, Limits]:
@@ -49,9 +49,9 @@ def with_set_limits(measured: LimitsOf, by_people: LimitsOf) -> dict[str, Limits
 def kept_remarks(measured: LimitsOf, by_people: LimitsOf) -> Iterator[str]:
     """Yield a remark on each limit that people set, with the measured one."""
     for texture, limits in by_people.items():
-        shown = dict(measured.get(texture, Limits()))
+        taught = dict(measured.get(texture, Limits()))
         for name, value in limits.model_dump(exclude_none=True).items():
-            replaced = shown[name]
+            replaced = taught[name]
             note = "" if replaced is None else f"; the taught parts give {_text(replaced)}"
             yield (
                 f"limits_of.{texture}.{name} = {_text(value)} was set by somebody and stays{note}. "
