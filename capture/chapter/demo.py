@@ -26,7 +26,7 @@ from classify import (
 )
 from classify.base.arrays import FloatMap
 from classify.base.durable_file import durable_file, make_folder
-from classify.texture.orientation import LEAST_SHARPNESS
+from classify.texture.orientation import MIN_SHARPNESS
 from rig import ControllerIdentity, Placement, Rig, RigConfig, open_rig, surface_names
 
 _COLUMNS = ("true", "found", "true, °", "found, °", "distance", "runner-up", "margin")
@@ -75,7 +75,7 @@ def _write_report(
 def _cells_of(trial: Trial) -> tuple[str, ...]:
     """Texts of a row of the table, one for each of `_COLUMNS`."""
     match = trial.match
-    is_clear = match.sharpness is not None and match.sharpness >= LEAST_SHARPNESS
+    is_clear = match.sharpness is not None and match.sharpness >= MIN_SHARPNESS
     return (
         trial.label,
         match.label or "unknown",

@@ -78,9 +78,10 @@ class SurfaceMaps:
         if self.roughness is None or self.surface.p_sd is None:
             return None
         across_px = float(self.surface.shape[1] - 1)
-        of_mm = () if self.mm_per_px is None else (1.0 / self.mm_per_px,)
-        distances = (*(px for px in of_mm if px < across_px), across_px)
-        return roughness_uncertainty(self.surface, self.roughness, distances)
+        distances_px = [across_px]
+        if self.mm_per_px is not None and 1.0 / self.mm_per_px < across_px:
+            distances_px.insert(0, 1.0 / self.mm_per_px)
+        return roughness_uncertainty(self.surface, self.roughness, tuple(distances_px))
 
     @property
     def tilts_deg(self) -> list[float]:

@@ -135,11 +135,8 @@ class Dark:
 
     def added(self, other: Dark) -> Dark:
         """Return this with another exposure, which replaces an equal one."""
-        same = other.holds_at
-        exposures = [
-            *(dark for dark in self.exposures if not same(dark.exposure_ms)),
-            other,
-        ]
+        others = (dark for dark in self.exposures if not other.holds_at(dark.exposure_ms))
+        exposures = [*others, other]
         exposures.sort(key=lambda dark: dark.exposure_ms or 0.0, reverse=True)
         merged, *shorter = exposures
         for dark in shorter:
@@ -191,7 +188,10 @@ class DarkFrames:
 
 
 def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> DarkFrames:
-    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered."""
+    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered.
+
+    `lit` are such frames under LEDs, which show whether the lens is covered.
+    """
     if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
         count = "one frame" if len(frames) == 1 else f"{len(frames)} frames"
         raise InputError(
@@ -216,6 +216,7 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
             "enters beside the cover, or the exposure is too long for this camera; cover the lens, "
             "or shorten the exposure"
         )
+    # 0.6745 standard deviations of a normal distribution are its median absolute deviation.
     spread = float(np.median(np.abs(excess[~hot] - np.median(excess[~hot])))) / 0.6745
     pattern = np.sqrt(max(0.0, spread**2 - noise**2 / len(frames)))
     dark = Dark(
@@ -276,10 +277,11 @@ def _check_unlit(frames: Frames, lit: Frames, noise: float, full_scale: float) -
 
 def _per_pixel(medians: Floats, shape: tuple[int, ...]) -> Floats:
     """(H, W) median of the block of each pixel; margins get the median of the nearest block."""
-    places = []
+    block_indices = []
     for size in shape:
         side = size // BLOCKS
         first = (size - side * BLOCKS) // 2
-        places.append(np.clip((np.arange(size) - first) // side, 0, BLOCKS - 1))
-    grid: Floats = medians.reshape(BLOCKS, BLOCKS)[places[0][:, None], places[1]]
+        block_indices.append(np.clip((np.arange(size) - first) // side, 0, BLOCKS - 1))
+    rows, columns = block_indices
+    grid: Floats = medians.reshape(BLOCKS, BLOCKS)[rows[:, None], columns]
     return grid

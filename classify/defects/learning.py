@@ -78,7 +78,8 @@ def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
     start = ordered[:, -tail - 1]
     excess = ordered[:, -tail:] - start[:, None]
     mean = excess.mean(axis=1)
-    # Mean of the excess weighted by its probability of being exceeded.
+    # Mean of the excess weighted by its probability of being exceeded, with plotting positions
+    # (i - 0.35) / k.
     weighted = np.mean(excess * (1.0 - (np.arange(tail) + 0.65) / tail), axis=1)
     shapes = 2.0 - mean / np.maximum(mean - 2.0 * weighted, 1e-9 * mean + 1e-300)
     # A scale estimated from k exponential values makes the next one Pareto, of shape 1 / k. Half of
@@ -154,8 +155,8 @@ def learn_defects(
     departures: dict[int, FloatMap] = {}
     windows = STATISTICS["windows"]
     for half in unlike_halves([moment_sums(part.statistics[:, windows]) for part in observations]):
-        others = _departure_model(_without(observations, half))
-        departures |= {index: others.of(parts[index], angles[index]) for index in half}
+        model_of_others = _departure_model(_without(observations, half))
+        departures |= {index: model_of_others.of(parts[index], angles[index]) for index in half}
     inside = np.concatenate([part[:, parts[n].valid] for n, part in departures.items()], axis=1)
     evidence = EvidenceModel.learn(inside)
     maxima = np.array([
@@ -282,7 +283,7 @@ class FixedMarks:
         self._valid = self._valid & valid
         self._parts += 1
 
-    def found(self) -> Box | None:
+    def strongest(self) -> Box | None:
         """X, y, width and height in px of the mark, without its surroundings; None without one."""
         if self._sums is None or self._valid is None:
             return None

@@ -26,9 +26,9 @@ def taught_for(recipe: Recipe, files: RecipeFolder) -> Taught:
         )
     missing = next((name for name in recipe.passes if name not in taught.textures), None)
     if missing is not None or not recipe.passes:
-        named = "is empty" if missing is None else f"names {missing!r}, which was not taught"
+        problem = "is empty" if missing is None else f"names {missing!r}, which was not taught"
         raise RecipeError(
-            f"{files.file}: pass {named}; taught are {', '.join(map(repr, taught.textures))}; "
+            f"{files.file}: pass {problem}; taught are {', '.join(map(repr, taught.textures))}; "
             "correct pass, or run ps4rig station teach"
         )
     for name in recipe.passes:
@@ -44,15 +44,15 @@ class TextureModels:
     pieces: PieceModel
 
 
-def models_of(made: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> TextureModels:
+def models_of(files: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> TextureModels:
     """Load the models of a texture that passes."""
     (defects_file, defects_sha256), (pieces_file, pieces_sha256) = _models_of(
         recipe, taught, texture
     )
-    defects = DefectModel.load(made.folder / defects_file)
-    check_unchanged(recipe, made.folder / defects_file, defects.sha256, defects_sha256)
-    pieces = PieceModel.load(made.folder / pieces_file)
-    check_unchanged(recipe, made.folder / pieces_file, pieces.sha256, pieces_sha256)
+    defects = DefectModel.load(files.folder / defects_file)
+    check_unchanged(recipe, files.folder / defects_file, defects.sha256, defects_sha256)
+    pieces = PieceModel.load(files.folder / pieces_file)
+    check_unchanged(recipe, files.folder / pieces_file, pieces.sha256, pieces_sha256)
     return TextureModels(defects, pieces)
 
 

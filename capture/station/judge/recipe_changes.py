@@ -132,7 +132,7 @@ class RecipeChanges:
 
         def outcome(replay: Replay) -> str:
             parts, missed = len(replay.parts), len(replay.regressions)
-            return f"challenge: {parts - missed} of {parts} parts got their verdict"
+            return f"challenge: {parts - missed} of {parts} parts got the expected verdict"
 
         title = replay_title(self.files)
         return self._begun(title, title, work, outcome)

@@ -54,6 +54,6 @@ def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
     elif valid.regressions:
         text = f"{len(valid.regressions)} of {parts} parts got another verdict"
     else:
-        text = f"all {parts} parts got their verdict, {local_time(valid.utc)}"
+        text = f"all {parts} parts got the expected verdict, {local_time(valid.utc)}"
     has_met = valid is not None and not valid.regressions
     return RecipeState(recipe, None, text, has_met, replay)

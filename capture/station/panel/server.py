@@ -23,7 +23,7 @@ MAX_CONNECTIONS = 256
 MAX_CONNECTIONS_OF_AN_ADDRESS = 64
 # A refused connection is held for so long, and up to so many of them: a client that tries again at
 # once would keep a processor busy.
-REFUSED_S, _MOST_REFUSED = 2.0, 512
+REFUSED_S, _MAX_REFUSED = 2.0, 512
 # The head of a request takes one packet. What is slower holds a connection that others need.
 HEAD_S = 10.0
 _MAX_HEAD_BYTES = 16 * 1024
@@ -49,7 +49,7 @@ class _Protocol(H11Protocol):
     def _refuse(self) -> None:
         """Close the connection, which counts no more, after a pause."""
         self.connections.discard(self)
-        if len(self._refused) >= _MOST_REFUSED:
+        if len(self._refused) >= _MAX_REFUSED:
             self.transport.abort()
             return
         self._refused.add(self)

@@ -60,7 +60,7 @@ def checks_of_units(
             faults.append(("has no watchdog", f"set WatchdogSec: {_how_to_print(station)}"))
         yield from _checked(station, None, faults, f"{active}, watchdog {watchdog}")
     else:
-        # From a keyboard only a person can trigger.
+        # A station that is triggered by the Enter key does not run as a service.
         by_hand = station.config.trigger == "enter"
         text, advice = f"{unit_name(station.path)} is not installed", _how_to_print(station)
         yield Check(_NAME, "ok" if by_hand else "warning", text, f"for a service: {advice}")

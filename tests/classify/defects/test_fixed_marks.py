@@ -21,7 +21,7 @@ def mark_of(parts: Iterable[SurfaceEstimate]) -> Box | None:
     marks = FixedMarks()
     for part in parts:
         marks.add(part)
-    return marks.found()
+    return marks.strongest()
 
 
 def distances() -> np.ndarray:

@@ -60,7 +60,7 @@ def teach_defects(
         )
         for detectable in show(detectability(model, tried, limit), 1, f"what is found on {texture}")
     )
-    return TaughtDefects(model, tuple(least_found), _in_image(marks.found(), recipe.region))
+    return TaughtDefects(model, tuple(least_found), _in_image(marks.strongest(), recipe.region))
 
 
 def mark_remark(texture: str, parts: int, mark: Region) -> str:

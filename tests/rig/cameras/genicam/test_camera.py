@@ -110,7 +110,7 @@ def exposure_us(*written: int) -> int:
     The camera answers no program that does not control it, but for what it reads.
     """
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as other:
-        other.settimeout(PATIENCE_S)
+        other.settimeout(TIMEOUT_S)
         other.connect((ADDRESS, GVCP_PORT))
         for command, *words in ((WRITE, EXPOSURE_US, *written), (READ, EXPOSURE_US)):
             size = 4 * len(words)
