@@ -39,7 +39,7 @@ class Rung:
 def dark_part(
     measured: DarkFrames, dark: Dark, setting: Setting, source: Sequence[str]
 ) -> MeasuredPart:
-    """Describe frames with the lens covered by the part made from them."""
+    """Make the part of a calibration from frames with the lens covered."""
     dark = replace(dark, exposure_ms=setting.exposure_ms)
     full_scale = dark.full_scale
     hot = len(dark.hot_pixels)

@@ -189,7 +189,7 @@ def bind_workers(*, is_bound: bool = True) -> None:
 
 
 @contextmanager
-def beside_workers() -> Iterator[None]:
+def on_free_processor() -> Iterator[None]:
     """Bind this thread, and threads it starts, to the processor that no bound worker uses."""
     if not _is_bound or thread_count() == 1:
         yield

@@ -82,15 +82,16 @@ class Sphere:
     def pixels(self, share: float = 1.0) -> tuple[Indices, Indices]:
         """Rows and columns of the pixels within this share of the outline's radius."""
         height, width = self.frame
-        away = 1.0 if self.focal_px is None else 1.0 - self.centre[2] / self.focal_px
-        x, y = self.centre[0] / away, self.centre[1] / away
-        radius = share * self.radius_px / away
+        # Distance of the centre from the camera, relative to that of the plane.
+        relative_distance = 1.0 if self.focal_px is None else 1.0 - self.centre[2] / self.focal_px
+        x, y = self.centre[0] / relative_distance, self.centre[1] / relative_distance
+        radius = share * self.radius_px / relative_distance
         column, row = x + 0.5 * (width - 1), 0.5 * (height - 1) - y
         rows = np.arange(max(int(row - radius), 0), min(int(row + radius) + 2, height))
         columns = np.arange(max(int(column - radius), 0), min(int(column + radius) + 2, width))
         inside = (rows[:, None] - row) ** 2 + (columns - column) ** 2 < radius**2
-        at = np.nonzero(inside)
-        return rows[at[0]], columns[at[1]]
+        row_indices, column_indices = np.nonzero(inside)
+        return rows[row_indices], columns[column_indices]
 
 
 def _rays(columns: Floats, rows: Floats, frame: tuple[int, int], focal_px: float) -> Floats:

@@ -25,6 +25,7 @@ DIRECTIONS = 12
 """Directions of lines over 180 degrees, in the frame of the texture."""
 LENGTHS = 3
 """Lines have 9, 15 and 21 pixels."""
+# Half of the longest line: a step of 9 pixels to the centre of a sum of three.
 _MARGIN = 10
 # Rows of pixels whose sums of three stay in the cache.
 _STRIP = 64

@@ -92,8 +92,8 @@ def challenge(
             mark = "  <- REGRESSION" if part.is_regression else ""
             table.add_row(part.file, part.expected, f"{part.found}{mark}", part.reason)
         print_table(table)
-        met = len(replay.parts) - len(replay.regressions)
-        out.print(f"{name}: {met} of {len(replay.parts)} parts got the verdict that they must get")
+        as_expected = len(replay.parts) - len(replay.regressions)
+        out.print(f"{name}: {as_expected} of {len(replay.parts)} parts got the expected verdict")
         for line in faults.lines():
             out.print(line)
     if not passed:

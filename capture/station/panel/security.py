@@ -43,14 +43,14 @@ class Denied(HTTPException):
 
 
 class Slots:
-    """So many requests of a kind at a time; further ones are answered 503."""
+    """Limits the requests of a kind that run at a time; further ones are answered 503."""
 
     def __init__(self, count: int, busy: str) -> None:
         self._free, self._busy = threading.BoundedSemaphore(count), f"{count} {busy}"
 
     @contextmanager
     def taken(self) -> Iterator[None]:
-        """Have a slot during the block."""
+        """Hold a slot during the block."""
         if not self._free.acquire(blocking=False):
             raise Denied(503, self._busy, {"Retry-After": "2"})
         try:
@@ -106,7 +106,8 @@ class SecureHeaders:
                 known = {key for key, _ in message["headers"]}
                 added = [pair for pair in self._headers if pair[0] not in known]
                 if b"cache-control" not in known:
-                    # Files are asked for again by their hash, answers with secrets are not kept.
+                    # Browsers keep static files and check their hash; they do not store answers,
+                    # which may contain secrets.
                     caching = b"no-cache" if scope["path"].startswith(STATIC_PATH) else b"no-store"
                     added.append((b"cache-control", caching))
                 message["headers"] = [*message["headers"], *added]
@@ -143,14 +144,14 @@ class BodyLimit:
         closing = {"Connection": "close"}
         too_large = Denied(413, f"the body has more than {MAX_BODY_BYTES} bytes", closing)
         length = dict(scope["headers"]).get(b"content-length", b"0")
-        rest = MAX_BODY_BYTES + 1 if len(length) > 10 else int(length)
+        declared = MAX_BODY_BYTES + 1 if len(length) > 10 else int(length)
         ends_s, is_complete, count = asyncio.get_running_loop().time() + BODY_S, False, 0
 
         async def receive_limited() -> Message:
             nonlocal count, is_complete
             if is_complete:
                 return await receive()
-            if rest > MAX_BODY_BYTES:
+            if declared > MAX_BODY_BYTES:
                 raise too_large
             try:
                 async with asyncio.timeout_at(ends_s):

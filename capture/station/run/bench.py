@@ -26,7 +26,7 @@ from capture.station.judge.measured_surface import MeasuredSurface
 from capture.station.results.store import open_store
 from classify import Calibration, TextureLibrary, learn_defects
 from classify.base.durable_file import make_folder
-from classify.base.threads import beside_workers
+from classify.base.threads import on_free_processor
 from classify.classifiers.joint import ring_levels
 from classify.defects.learning import MIN_PARTS
 from classify.library.training import TrainingRow, observe
@@ -65,7 +65,7 @@ class BenchResult:
 
     # From the end of the last exposure to the announced result, of each part.
     latencies_ms: tuple[float, ...]
-    # Part by part; the set file is written beside the inspection.
+    # Duration of each step for each part; a set is saved while the part is inspected.
     steps_ms: dict[str, tuple[float, ...]]
     duration_s: float  # with `_EXPOSURES_S` for the exposures of each part
     # Resident, after a tenth of the parts and after all; None where it cannot be read.
@@ -136,7 +136,7 @@ class _StoredSets:
         """Return no checks."""
         return []
 
-    @beside_workers()
+    @on_free_processor()
     def capture(self, number: int) -> tuple[CapturedSet, float]:
         """Return the next set after the time of its exposures and the checks of a capture."""
         captured, hashed = self._sets[number % len(self._sets)], PixelHash()
@@ -170,16 +170,16 @@ def run_bench(
     parts: int,
     side_px: int,
     classes: int,
-    prepared: Callable[[str], None] = lambda _: None,
+    show_step: Callable[[str], None] = lambda _: None,
     live: LiveStation | None = None,
 ) -> BenchResult:
     """Judge `parts` parts of 16 bit, with a library of `classes` classes and a defect map.
 
     `folder` is empty, on the disk that sets and results are written to.
     """
-    prepared("capturing parts")
+    show_step("capturing parts")
     good, other = _captured(side_px)
-    prepared("teaching")
+    show_step("teaching")
     inspector = _inspector(good, other, classes)
     inspector.inspect(good[-1])  # kernels are loaded before the clock runs
     watcher, clock = _Watcher(parts), StationClock()
@@ -193,7 +193,7 @@ def run_bench(
         if len(written) > _KEPT_SETS:
             written.pop(0).unlink()
 
-    prepared("judging parts")
+    show_step("judging parts")
     settle_station()
     live = live or LiveStation(config.name, simulated=True)
     with (

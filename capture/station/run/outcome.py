@@ -14,7 +14,7 @@ from capture.station.judge.inspector import Collector, Inspector
 from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart
-from classify.base.threads import beside_workers
+from classify.base.threads import on_free_processor
 
 from .station_clock import StationClock
 
@@ -53,7 +53,7 @@ class PartJudge:
         self._inspector, self._recipe_fields = inspector, recipe_fields
         self._save, self._clock = save, clock
 
-    @beside_workers()
+    @on_free_processor()
     def result_of(
         self, part: ExposedPart, writer: ThreadPoolExecutor
     ) -> tuple[PartResult, Fault | None, BaseException | None]:

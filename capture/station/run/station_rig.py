@@ -15,7 +15,7 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.simulated_parts import simulated_part
 from capture.station.judge.inspector import Collector, Inspector
 from capture.station.judge.judge import STOP_LED_LEVEL
-from classify.base.threads import beside_workers
+from classify.base.threads import on_free_processor
 from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.lights.sequence import parts_seen
@@ -131,7 +131,7 @@ class StationRig:
         self._part = None
         self._opened().lights.off()
 
-    @beside_workers()
+    @on_free_processor()
     def capture(self, number: int) -> tuple[CapturedSet, float]:
         """Capture the part, and return it with the end of the last exposure."""
         rig = self._opened()

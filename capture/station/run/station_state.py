@@ -114,7 +114,8 @@ def changes_by(event: Event, before: StationState) -> dict[str, Any]:
         case RecipeLoaded():
             return {"recipe": event}
         case StateChanged():
-            faults = () if event.change is Change.TESTED else _with(before.faults, event.fault)
+            is_tested = event.change is Change.TESTED
+            faults = () if is_tested else _with_fault(before.faults, event.fault)
             return {
                 "state": event.state,
                 "reason": event.reason,
@@ -156,24 +157,25 @@ def _announced(event: PartAnnounced, before: StationState) -> dict[str, Any]:
     if decision is not Decision.PASS and Cause.COLLECTED not in result.verdict.causes:
         changes["rejected"] = (RejectedPart(result), *before.rejected)[:_KEPT_REJECTED]
     if event.fault is not None:
-        changes["faults"] = _with(before.faults, event.fault)
+        changes["faults"] = _with_fault(before.faults, event.fault)
     elif result.led_levels and Cause.RIG not in result.verdict.causes:
-        # Levels of a weak LED are measured again; a part from before a loss says nothing of it.
+        # New levels replace a fault that was measured from levels, such as a weak LED. A lost
+        # controller stays a fault: this part may have been captured before the loss.
         changes["faults"] = tuple(
             fault for fault in before.faults if fault.device != "lights" or fault.measured is None
         )
     return changes
 
 
-def _with(faults: tuple[Fault, ...], fault: Fault | None) -> tuple[Fault, ...]:
+def _with_fault(faults: tuple[Fault, ...], fault: Fault | None) -> tuple[Fault, ...]:
     if fault is None or not fault.device:
         return faults
     return (*(other for other in faults if other.device != fault.device), fault)
 
 
-def _replaced(devices: tuple[Device, ...], seen: Iterable[Device]) -> tuple[Device, ...]:
-    named = {device.name: device for device in seen}
-    return tuple(named.get(device.name, device) for device in devices)
+def _replaced(devices: tuple[Device, ...], tested: Iterable[Device]) -> tuple[Device, ...]:
+    by_name = {device.name: device for device in tested}
+    return tuple(by_name.get(device.name, device) for device in devices)
 
 
 def _tested(before: tuple[Device, ...], checks: Iterable[Check]) -> tuple[Device, ...]:

@@ -92,19 +92,19 @@ class V4l2Output(VideoNode):
         pix = form.fmt.pix
         pix.width, pix.height, pix.pixelformat = width_px, height_px, abi.fourcc(fourcc)
         pix.field, pix.bytesperline = abi.FIELD_NONE, bytes_per_line
-        asked = f"{fourcc.strip()} {width_px}x{height_px}"
-        self.call(f"does not take {asked}", abi.Vidioc.S_FMT, form)
-        given = (abi.fourcc_text(pix.pixelformat), pix.width, pix.height)
-        if given == (fourcc, width_px, height_px) and pix.bytesperline != bytes_per_line:
+        requested = f"{fourcc.strip()} {width_px}x{height_px}"
+        self.call(f"does not take {requested}", abi.Vidioc.S_FMT, form)
+        actual = (abi.fourcc_text(pix.pixelformat), pix.width, pix.height)
+        if actual == (fourcc, width_px, height_px) and pix.bytesperline != bytes_per_line:
             # v4l2loopback treats Y10 and Y12 as packed, so that its buffers are too small.
             raise CameraError(
-                f"{self.path}: for {asked} the driver has {pix.bytesperline} bytes a line instead "
-                f"of {bytes_per_line}; set camera.pixel_format to GREY or Y16"
+                f"{self.path}: for {requested} the driver has {pix.bytesperline} bytes a line, "
+                f"not {bytes_per_line}; set camera.pixel_format to GREY or Y16"
             )
-        if given != (fourcc, width_px, height_px):
+        if actual != (fourcc, width_px, height_px):
             raise CameraError(
-                f"{self.path}: {asked} was asked for, the driver gave "
-                f"{given[0].strip()} {pix.width}x{pix.height}; close programs that read the device"
+                f"{self.path}: {requested} was asked for, the driver gave "
+                f"{actual[0].strip()} {pix.width}x{pix.height}; close programs that read the device"
             )
 
     def _set_period(self, period_s: float) -> None:

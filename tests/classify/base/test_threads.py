@@ -170,9 +170,9 @@ def test_bound_threads_have_processors_of_their_own() -> None:
     code = """
 import os, threading
 from classify.base.threads import usable_processors
-from classify.base.threads import beside_workers, bind_workers, map_in_threads, thread_count
+from classify.base.threads import on_free_processor, bind_workers, map_in_threads, thread_count
 everywhere = os.sched_getaffinity(0)
-with beside_workers():
+with on_free_processor():
     assert os.sched_getaffinity(0) == everywhere
 map_in_threads(str, range(2))  # kept threads that are not bound
 bind_workers()
@@ -183,7 +183,7 @@ def of_all() -> list[set[int]]:
         return os.sched_getaffinity(0)
     return map_in_threads(own, range(thread_count()))
 def in_a_thread() -> None:
-    with beside_workers():
+    with on_free_processor():
         assert sorted(map(tuple, of_all())) == [(each,) for each in sorted(everywhere)]
         assert usable_processors() == sorted(everywhere)
     assert os.sched_getaffinity(0) == everywhere
@@ -195,7 +195,7 @@ if len(everywhere) > 1:
     thread.join()
     assert found
 bind_workers(is_bound=False)
-with beside_workers():
+with on_free_processor():
     assert os.sched_getaffinity(0) == everywhere
 """
     environment = {name: os.environ[name] for name in os.environ if name != "NUMBA_NUM_THREADS"}
