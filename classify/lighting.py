@@ -118,8 +118,8 @@ class Lighting:
         [0.6, 0.0, 0.8]
         """
         positions = _numbers(positions_px, "light positions")
-        given = np.empty(0) if intensities is None else _numbers(intensities, "light intensities")
-        return cls(positions, given, positions)
+        levels = np.empty(0) if intensities is None else _numbers(intensities, "light intensities")
+        return cls(positions, levels, positions)
 
     @classmethod
     def from_angles(

@@ -215,8 +215,8 @@ def scale_part(
         try:
             boards.append(find_corners(picture, corners))
         except CalibrationRejected as error:
-            where = f"placement {number}: " if len(pictures) > 1 else ""
-            raise CalibrationRejected(f"{where}{error}") from error
+            prefix = f"placement {number}: " if len(pictures) > 1 else ""
+            raise CalibrationRejected(f"{prefix}{error}") from error
     fit = scale_of_boards(boards, corners, square_mm, (setting.height_px, setting.width_px))
     scale = fit.scale
     word = "Good" if scale.error <= _GOOD else "Fair" if scale.error <= _FAIR else "Poor"

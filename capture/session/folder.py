@@ -133,13 +133,13 @@ def _read_error(path: Path, error: InputError) -> InputError | None:
     """Return an error that says what to do if disk or memory failed; None for a damaged set."""
     cause = error.__cause__
     if isinstance(cause, MemoryError):
-        why = "not enough memory"
+        reason = "not enough memory"
     elif isinstance(cause, OSError) and cause.errno is not None:
-        why = cause.strerror or str(cause)
+        reason = cause.strerror or str(cause)
     else:
         return None
     return InputError(
-        f"{path}: cannot be read ({why}), but may be intact; try again, or remove the file to "
+        f"{path}: cannot be read ({reason}), but may be intact; try again, or remove the file to "
         "capture the set again"
     )
 

@@ -90,8 +90,8 @@ class SpecimenReference:
         if agreement < MIN_SHARPNESS:
             return None
         if entered_deg is not None:
-            near_deg, there = profile.best(entered_deg, _MAX_PLACEMENT_DEG)
-            if agreement - there < _MIN_DROP:
+            near_deg, near_agreement = profile.best(entered_deg, _MAX_PLACEMENT_DEG)
+            if agreement - near_agreement < _MIN_DROP:
                 best_deg = near_deg
             return orientation_near(best_deg, entered_deg)
         return best_deg

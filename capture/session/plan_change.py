@@ -80,12 +80,12 @@ def _unchanged(captured: int) -> str:
 
 def unplanned_text(entries: Iterable[SetEntry]) -> list[str]:
     """Name captured sets that are no longer planned in one line, if there are any."""
-    places: dict[str, list[str]] = {}
+    angles_of: dict[str, list[str]] = {}
     for entry in entries:
         repeat = f" ({entry.repeat})" if entry.repeat > 1 else ""
-        places.setdefault(entry.specimen, []).append(f"{entry.orientation_deg:g}{repeat}")
-    named = "; ".join(f"{name} at {', '.join(angles)}" for name, angles in places.items())
-    return [f"captured and no longer planned, but kept: {named}"] if named else []
+        angles_of.setdefault(entry.specimen, []).append(f"{entry.orientation_deg:g}{repeat}")
+    text = "; ".join(f"{name} at {', '.join(angles)}" for name, angles in angles_of.items())
+    return [f"captured and no longer planned, but kept: {text}"] if text else []
 
 
 def use_plan(plan_path: Path, folder: SessionFolder) -> None:

@@ -57,12 +57,12 @@ def corrected(
         if (before := _value_of(metadata, name)) != after or type(before) is not type(after)
     )
     fields: dict[str, Any] = {name: changes[name] for name in FIELDS if name in changes}
-    named = {
+    changed_properties = {
         name.removeprefix(PROPERTY_PREFIX): value
         for name, value in changes.items()
         if name not in fields
     }
-    properties = {**metadata.properties, **named}
+    properties = {**metadata.properties, **changed_properties}
     fields["properties"] = checked_properties(
         {name: value for name, value in properties.items() if value is not None}
     )

@@ -90,8 +90,10 @@ class LightImages:
     def equal_rows(self) -> Iterator[tuple[str, str, int, int]]:
         """Pairs of images with their numbers of equal and of comparable rows."""
         step = max(1, self.images.shape[2] // _PROBED_COLUMNS)
-        named = zip((*self.names, "ambient light"), (*self.images, self.ambient), strict=True)
-        for (first, a), (second, b) in combinations(named, 2):
+        named_images = zip(
+            (*self.names, "ambient light"), (*self.images, self.ambient), strict=True
+        )
+        for (first, a), (second, b) in combinations(named_images, 2):
             rows = np.flatnonzero((a[:, ::step] == b[:, ::step]).all(axis=1))
             is_equal = (a[rows] == b[rows]).all(axis=1) & (np.ptp(b[rows], axis=1) > 1)
             if is_equal.any():

@@ -322,8 +322,8 @@ class Calibration:
                 f"the calibration is of {len(measured)} lights, the images are of "
                 f"{len(configured)}; use a calibration of these lights"
             )
-        given = configured.intensities if configured.intensities_given else np.empty(0)
-        return replace(measured, intensities=given)
+        intensities = configured.intensities if configured.intensities_given else np.empty(0)
+        return replace(measured, intensities=intensities)
 
     def noise_of(self, sensor: SensorNoise | None, *, has_ambient: bool) -> SensorNoise | None:
         """Return the noise of `corrected` images, given the camera's; None if unknown.

@@ -121,13 +121,13 @@ class DriftModel:
         self, change: Floats, chosen: tuple[PossibleCause, ...], numbers: Floats
     ) -> tuple[tuple[PossibleCause, ...], float, Floats]:
         """Add the best cause to `chosen`; also return the score and all numbers."""
-        tried = []
+        fits = []
         for cause in self._causes:
             if cause not in chosen:
                 longer = (*chosen, cause)
                 start = np.append(numbers, np.zeros(len(cause.spreads)))
-                tried.append((longer, *self._fit(change, longer, start)))
-        return min(tried, key=lambda fit: fit[1])
+                fits.append((longer, *self._fit(change, longer, start)))
+        return min(fits, key=lambda fit: fit[1])
 
     def _fit(
         self, change: Floats, causes: Sequence[PossibleCause], start: Floats
@@ -173,21 +173,21 @@ class DriftModel:
         brightness = _WHITE_SPREAD * float(nuisances[0])
         slope = _TILT_SPREAD * nuisances[1:3]
         levels = _LEVEL_SPREAD * nuisances[3 : 3 + len(change)]
-        named, first = [], 0
+        with_numbers, first = [], 0
         for cause in causes:
-            own = numbers[first : first + len(cause.spreads)]
-            first += len(own)
-            named.append((cause, own))
+            cause_numbers = numbers[first : first + len(cause.spreads)]
+            first += len(cause_numbers)
+            with_numbers.append((cause, cause_numbers))
             if cause.kind == "led level" and cause.light is not None:
-                levels[cause.light] += own[0]
+                levels[cause.light] += cause_numbers[0]
             elif cause.kind == "exposure":
-                brightness += float(own[0])
+                brightness += float(cause_numbers[0])
             elif cause.kind == "sheet tilted":
-                slope += own
+                slope += cause_numbers
         shared = remainder.mean(axis=0)
         residual = float(np.sqrt(np.square(remainder - shared).mean()))
         unevenness = SIGMA_PER_MAD * float(np.median(np.abs(shared)))
-        return Explanation(tuple(named), levels, brightness, slope, residual, unevenness)
+        return Explanation(tuple(with_numbers), levels, brightness, slope, residual, unevenness)
 
     def _nuisances(self) -> Iterator[Floats]:
         """(N B,) changes that need no cause, each one standard deviation.

@@ -68,8 +68,8 @@ def lights_from_spheres(
         try:
             measured.append(_Measured.of(placement, kind, focal_px))
         except CalibrationRejected as error:
-            where = f"placement {number}: " if len(placements) > 1 else ""
-            raise CalibrationRejected(f"{where}{error}") from error
+            prefix = f"placement {number}: " if len(placements) > 1 else ""
+            raise CalibrationRejected(f"{prefix}{error}") from error
     points, directions, errors = (
         np.stack(rays) for rays in zip(*(placement.rays for placement in measured), strict=True)
     )

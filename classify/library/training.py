@@ -108,8 +108,8 @@ def common_lighting(lightings: Sequence[Lighting | None]) -> Lighting | None:
     first = lightings[0]
     if first is None:
         return None
-    alike = all(other is not None and first.within(SAME_LIGHT_DEG, other) for other in lightings)
-    return first if alike else None
+    all_same = all(other is not None and first.within(SAME_LIGHT_DEG, other) for other in lightings)
+    return first if all_same else None
 
 
 def _aligned(

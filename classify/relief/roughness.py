@@ -187,8 +187,8 @@ def roughness_uncertainty(
     )
 
 
-def _mean_square(plane: FloatMap, where: BoolArray) -> float:
-    values = plane[where]
+def _mean_square(plane: FloatMap, mask: BoolArray) -> float:
+    values = plane[mask]
     return float(np.square(values, dtype=np.float64).mean()) if values.size else 0.0
 
 

@@ -46,8 +46,8 @@ def diagnose(
         yield Check("configuration", "fault", str(error), advice)
     else:
         lights = "simulated" if config.is_simulated else f"at {config.lights.port}"
-        seen = f"rig name {config.name!r}, lights {lights}, camera {config.camera.kind}"
-        yield Check("configuration", "ok", seen)
+        finding = f"rig name {config.name!r}, lights {lights}, camera {config.camera.kind}"
+        yield Check("configuration", "ok", finding)
     yield from collected(
         "serial ports",
         lambda: check_ports(list_serial_ports(), config is not None and config.is_simulated),

@@ -161,14 +161,16 @@ def _same(one: str | None, other: str) -> bool:
 
 
 def _ambiguity_text(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -> str:
-    named = ", ".join(f"{port.device} ({identity.serial_number})" for port, identity in answered)
+    controllers = ", ".join(
+        f"{port.device} ({identity.serial_number})" for port, identity in answered
+    )
     numbers = {identity.serial_number.casefold() for _, identity in answered}
     if len(numbers) == len(answered):
         remedy = f'set lights.serial_number, such as "{answered[0][1].serial_number}"'
     else:
         first = answered[0][0]
         remedy = f'set lights.port to one of them, such as "{first.by_id or first.device}"'
-    return f"{len(answered)} light controllers answer: {named}; {remedy}"
+    return f"{len(answered)} light controllers answer: {controllers}; {remedy}"
 
 
 def _not_found_text(
@@ -178,9 +180,9 @@ def _not_found_text(
     keys = (number and f"serial number {number}", usb_id and f"USB id {usb_id}")
     selection = " and ".join(filter(None, keys))
     controller = f"light controller with {selection}" if selection else "light controller"
-    tried = "; ".join(silent) or ", ".join(map(str, ports)) or "there are no serial ports"
+    outcome = "; ".join(silent) or ", ".join(map(str, ports)) or "there are no serial ports"
     return (
-        f'lights.port = "{AUTO}": no {controller} was found ({tried}); is it plugged in? Or set '
+        f'lights.port = "{AUTO}": no {controller} was found ({outcome}); is it plugged in? Or set '
         "lights.port to its device"
     )
 
@@ -192,10 +194,10 @@ _PAUSE_S = 0.1  # between two rounds through the ports; short against the second
 
 
 def find_again(
-    lost: ControllerIdentity, possible_ports: PossiblePorts, baud: int, timeouts: LinkTimeouts
+    identity: ControllerIdentity, possible_ports: PossiblePorts, baud: int, timeouts: LinkTimeouts
 ) -> ControllerLink:
     """Open the line to the controller with the same serial number, on any of the ports."""
-    deadline_s = time.monotonic() + timeouts.recover_s
+    expected, deadline_s = identity.serial_number, time.monotonic() + timeouts.recover_s
     while True:
         failure: LightControllerError | None = None
         for port in possible_ports():
@@ -206,15 +208,15 @@ def find_again(
                 failure = failure or error
                 continue
             present = link.identity.serial_number
-            if present == lost.serial_number:
+            if present == expected:
                 return link
             link.close()
             failure = LightControllerError(
-                f"{port}: light controller {present} is there in place of {lost.serial_number}; "
-                f"plug {lost.serial_number} in again, or open the rig again to use {present}"
+                f"{port}: light controller {present} is there in place of {expected}; plug "
+                f"{expected} in again, or open the rig again to use {present}"
             )
         if time.monotonic() >= deadline_s:
             raise failure or LightControllerError(
-                f"light controller {lost.serial_number} is not plugged in any more"
+                f"light controller {expected} is not plugged in any more"
             )
         time.sleep(_PAUSE_S)

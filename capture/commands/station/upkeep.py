@@ -105,14 +105,14 @@ def restore(
         f"{folder}: station {manifest.station} of {readable_utc(manifest.utc)}: "
         f"{manifest.parts} parts, {manifest.sets} sets",
     )
-    named = StationFolder(folder).config.results
+    configured = StationFolder(folder).config.results
     if manifest.database == DUMP:
         out.print(
             f"its results are not in the database yet: make an empty one, run pg_restore "
             f"--dbname=NAME {folder / DUMP}, and name it in {folder / CONFIG}",
         )
-    elif manifest.database not in (None, named):
+    elif manifest.database not in (None, configured):
         out.print(
             f"its results are in {folder / manifest.database}, but {folder / CONFIG} names "
-            f"{shown(database_url(named))}: change one of them",
+            f"{shown(database_url(configured))}: change one of them",
         )

@@ -142,12 +142,14 @@ class Inspector:
     @classmethod
     def of(cls, recipe: Recipe, files: RecipeFolder, calibration: Path | None = None) -> Self:
         """Load what teaching made for a recipe that was read."""
-        made = files.version(recipe.version)
+        taught_files = files.version(recipe.version)
         taught = taught_for(recipe, files)
-        models = {name: models_of(made, recipe, taught, name) for name in recipe.passes}
-        library = TextureLibrary.load(made.library)
+        models = {name: models_of(taught_files, recipe, taught, name) for name in recipe.passes}
+        library = TextureLibrary.load(taught_files.library)
         # Hashed after loading, so that a file that is exchanged meanwhile is detected.
-        check_unchanged(recipe, made.library, file_sha256(made.library), taught.library_sha256)
+        check_unchanged(
+            recipe, taught_files.library, file_sha256(taught_files.library), taught.library_sha256
+        )
         known = None
         if calibration is not None:
             known = FoundCalibration(calibration, read_calibration(calibration), ())
@@ -309,13 +311,13 @@ class Inspector:
             yield "the recipe needs a calibration; give the rig one"
 
     def _calibration_faults(self, captured: CapturedSet) -> Iterator[str]:
-        named = captured.metadata.calibration_ids
+        calibration_ids = captured.metadata.calibration_ids
         if self.calibration is None:
-            if named:
+            if calibration_ids:
                 yield "the set names a calibration, the station has none"
             return
         file = self.calibration.file
-        if file.hash not in named:
+        if file.hash not in calibration_ids:
             yield "the set does not name the calibration of the station"
         try:
             at = datetime.fromisoformat(captured.metadata.created_utc)

@@ -87,8 +87,10 @@ def _of_the_texture(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
         if not unknown:
             yield Finding(Cause.UNDECIDED, match.reason or "the texture is unknown")
         if match.nearest in recipe.passes:  # what is wrong with it, if it is of that texture
-            found = chain.from_iterable(_beyond_limit(key, limits, measures) for key in MEASURES_OF)
-            yield from (finding for finding in found if finding.cause is not Cause.UNFORESEEN)
+            findings = chain.from_iterable(
+                _beyond_limit(key, limits, measures) for key in MEASURES_OF
+            )
+            yield from (finding for finding in findings if finding.cause is not Cause.UNFORESEEN)
     elif match.label in recipe.fails:
         yield Finding(Cause.BAD_TEXTURE, f"{match.label} is a bad texture, {match.reason}")
     elif match.label not in recipe.passes:

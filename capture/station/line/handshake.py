@@ -159,25 +159,25 @@ class Handshake:
             raise ValueError(f"registers {address} to {last} are not all written by the PLC")
         written = list(self._written)
         written[first : first + len(words)] = words
-        before, given = self.commands, decoded(PLC, written)
-        if given["commands"] & ~int(_ALL_COMMANDS):
-            raise ValueError(f"commands = {given['commands']:#x} has bits without a meaning")
+        before, inputs = self.commands, decoded(PLC, written)
+        if inputs["commands"] & ~int(_ALL_COMMANDS):
+            raise ValueError(f"commands = {inputs['commands']:#x} has bits without a meaning")
         self._written = written
-        old, new = Command(before["commands"]), Command(given["commands"])
+        old, new = Command(before["commands"]), Command(inputs["commands"])
         if Command.RESULTS_ACK in new & ~old:
-            self._acknowledge(given["ack_number"])
+            self._acknowledge(inputs["ack_number"])
         if Command.RESULTS_ACK not in new:
             self._is_wrong_ack = False
         self._show_next()
         if Command.SELECT_RECIPE not in new:
             self.selection.withdraw()
         elif Command.SELECT_RECIPE not in old:
-            position = given["recipe"]
+            position = inputs["recipe"]
             self.selection.select(position, self._name_at(position))
         if Command.TRIGGER not in new:
             self._withdraw()
         elif Command.TRIGGER not in old:
-            return self._trigger(given)
+            return self._trigger(inputs)
         return None
 
     def answered(self, request: TriggerRequest, answer: Answer) -> None:
@@ -274,8 +274,8 @@ class Handshake:
 
     # Triggers.
 
-    def _trigger(self, given: dict[str, Any]) -> TriggerRequest:
-        trigger_id, part_id = given["trigger_id"], given["part_id"] or None
+    def _trigger(self, inputs: dict[str, Any]) -> TriggerRequest:
+        trigger_id, part_id = inputs["trigger_id"], inputs["part_id"] or None
         is_new = trigger_id not in (0, self._trigger_id)
         self._withdraw()
         self._trigger_id = trigger_id
@@ -291,7 +291,7 @@ class Handshake:
             self._error, text = reason
             return TriggerRequest(trigger_id, part_id, refusal=text)
         # The station may have loaded another recipe for somebody else meanwhile.
-        recipe = self._name_at(given["recipe"])
+        recipe = self._name_at(inputs["recipe"])
         self._current = self._unanswered = TriggerRequest(trigger_id, part_id, recipe)
         return self._current
 

@@ -66,13 +66,13 @@ async def _pictures(
 ) -> Response:
     """The pictures of a part with captions, and its defects with outlines."""
     entry = await run_in_threadpool(entry_of, call.panel, part_id)
-    made = await _made(call, entry, size)
-    sent = [name for name in made.pictures if content == "yes" and name != without]
+    pictures = await _made(call, entry, size)
+    sent = [name for name in pictures.pictures if content == "yes" and name != without]
     return JsonAnswer(
         {
             "part_id": part_id,
-            "width_px": made.width_px,
-            "height_px": made.height_px,
+            "width_px": pictures.width_px,
+            "height_px": pictures.height_px,
             "pictures": [
                 {
                     "name": name,
@@ -81,13 +81,13 @@ async def _pictures(
                     "url": f"{V1}/parts/{part_id}/pictures/{name}?size={size}",
                 }
                 | (_content(picture) if name in sent else {})
-                for name, picture in made.pictures.items()
+                for name, picture in pictures.pictures.items()
             ],
             "defects": [
                 asdict(defect) | {"outline": outline}
-                for defect, outline in zip(entry.result.defects, made.outlines, strict=True)
+                for defect, outline in zip(entry.result.defects, pictures.outlines, strict=True)
             ],
-            "notes": made.notes,
+            "notes": pictures.notes,
         }
     )
 
@@ -106,11 +106,11 @@ async def _picture(call: ByOperator, part_id: str, name: str, size: _Size = "sma
     if _is_known(call, tag):
         await run_in_threadpool(stored_set, call.panel.folder, entry)
         return Response(status_code=304, headers=headers)
-    made = await _made(call, entry, size)
-    if name not in made.pictures:
-        known = ", ".join(made.pictures)
+    pictures = await _made(call, entry, size)
+    if name not in pictures.pictures:
+        known = ", ".join(pictures.pictures)
         raise Denied(404, f"part {result.part_id}: there is no picture {name[:40]!r}; give {known}")
-    picture = made.pictures[name]
+    picture = pictures.pictures[name]
     return Response(picture.content, media_type=picture.media_type, headers=headers)
 
 
@@ -127,20 +127,20 @@ def _content(picture: PaintedPicture) -> dict[str, str]:
 async def _made(call: Call, entry: HistoryEntry, size: str) -> PartPictures:
     part = f"part {entry.result.part_id}"
 
-    def asked() -> Future[PartPictures] | None:
+    def request() -> Future[PartPictures] | None:
         path = stored_set(call.panel.folder, entry)
         return call.panel.pictures.ask(entry.result, path, size)
 
-    future = await run_in_threadpool(asked)
+    future = await run_in_threadpool(request)
     if future is None:
         text = f"{part}: too many parts wait for pictures"
         raise Denied(503, text, {"Retry-After": "2"})
-    made = asyncio.wrap_future(future)
+    pictures = asyncio.wrap_future(future)
     # asyncio logs an exception that nobody retrieves: all requests may have ended.
-    made.add_done_callback(lambda made: made.cancelled() or made.exception())
+    pictures.add_done_callback(lambda pictures: pictures.cancelled() or pictures.exception())
     # Shielded, because others may wait for the same pictures.
     try:
-        return await asyncio.wait_for(asyncio.shield(made), MAX_WAIT_S)
+        return await asyncio.wait_for(asyncio.shield(pictures), MAX_WAIT_S)
     except TimeoutError:
         raise Denied(503, f"{part}: its pictures are being made", {"Retry-After": "2"}) from None
     except InputError as error:

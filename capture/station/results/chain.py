@@ -60,11 +60,11 @@ def head(connection: Connection, station: str) -> Head:
 
 def has_link(connection: Connection, station: str, sha256: str) -> bool:
     """Whether a hash, such as a head that was kept elsewhere, is in the chain of a station."""
-    found = [
+    queries = [
         select(table.c.link).where(table.c.station == station, table.c.chain_sha256 == sha256)
         for table in CHAINED
     ]
-    return connection.execute(union_all(*found)).first() is not None
+    return connection.execute(union_all(*queries)).first() is not None
 
 
 def broken_links(

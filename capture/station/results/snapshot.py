@@ -81,7 +81,7 @@ def _dump(address: str, url: URL, station: str, target: Path) -> ResultsSnapshot
 
 def _variables(url: URL) -> dict[str, str]:
     """The address as variables of libpq, because other users can read a program's arguments."""
-    given = {
+    variables = {
         "PGHOST": url.host,
         "PGPORT": None if url.port is None else str(url.port),
         "PGUSER": url.username,
@@ -89,7 +89,7 @@ def _variables(url: URL) -> dict[str, str]:
         "PGDATABASE": url.database,
         **{f"PG{name.upper()}": str(value) for name, value in url.query.items()},
     }
-    return {name: value for name, value in given.items() if value}
+    return {name: value for name, value in variables.items() if value}
 
 
 def _run(url: URL, command: tuple[str, ...], variables: Mapping[str, str]) -> None:

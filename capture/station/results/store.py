@@ -286,8 +286,8 @@ class ResultStore:
     def _last(self, connection: Connection, column: Any, **values: str) -> int:
         """Return the highest value of a column that counts rows of this station; 0 without rows."""
         table = column.table
-        given = [table.c[name] == value for name, value in values.items()]
-        statement = select(func.max(column)).where(table.c.station == self.station, *given)
+        conditions = [table.c[name] == value for name, value in values.items()]
+        statement = select(func.max(column)).where(table.c.station == self.station, *conditions)
         return connection.scalar(statement) or 0
 
 

@@ -49,14 +49,14 @@ def _results(folder: Path, store: ResultStore, head: str | None) -> Iterator[Fil
         yield FileFinding(folder / CONFIG, "altered", fault)
     if not wrong:
         yield FileFinding(folder / CONFIG, "good")
-    named = set()
+    recorded_paths = set()
     for entry in store.parts():
         if entry.result.set_file is not None:
             path = folder / entry.result.set_file
-            named.add(path)
+            recorded_paths.add(path)
             yield from _set_file(path, entry)
     for path in sorted((folder / PARTS).glob(f"*/*{SET_SUFFIX}")):
-        if path not in named:
+        if path not in recorded_paths:
             yield FileFinding(path, "not in results", "no result of the station names it")
 
 

@@ -33,8 +33,8 @@ class SelfTestFailed(HardwareError):  # noqa: N818 - the state of the station, n
     """The self-test found faults; the message names all of them, `device` is that of the first."""
 
     def __init__(self, faults: Sequence[Check]) -> None:
-        seen = [(check.name, check.seen, check.advice) for check in faults]
-        super().__init__("self-test: " + "; ".join(": ".join(filter(None, each)) for each in seen))
+        texts = [(check.name, check.seen, check.advice) for check in faults]
+        super().__init__("self-test: " + "; ".join(": ".join(filter(None, text)) for text in texts))
         self.device = faults[0].device
 
 

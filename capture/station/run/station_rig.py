@@ -161,8 +161,8 @@ class StationRig:
 
     @property
     def _calibration(self) -> CalibrationFile | None:
-        found = self._inspector.calibration
-        return None if found is None else found.file
+        calibration = self._inspector.calibration
+        return None if calibration is None else calibration.file
 
     def _require_new(self, pixels_sha256: str, number: int) -> None:
         """Refuse the pixels of an earlier part: the noise of two exposures differs."""

@@ -244,16 +244,16 @@ def _closed_usb_cameras() -> Iterator[ListedCamera]:
             yield ListedCamera("genicam", serial, name, "USB3Vision", node, problem=problem)
 
 
-def _listed(found: DetectedCamera) -> ListedCamera:
-    device = found.device_id
-    listed = ListedCamera("genicam", device, found.name, found.protocol, names=found.names)
+def _listed(detected: DetectedCamera) -> ListedCamera:
+    device = detected.device_id
+    listed = ListedCamera("genicam", device, detected.name, detected.protocol, names=detected.names)
     try:
         camera = AravisCamera(device)
     except CameraError as error:
         return replace(listed, problem=f"{device}: {error}")
     try:
         formats = camera.entries("PixelFormat")
-        best = next((each for each in _PREFERRED if each in formats), None)
+        best = next((name for name in _PREFERRED if name in formats), None)
         lines: tuple[str, ...] = ()
         if best is not None:
             width_px, height_px = camera.value("Width", int), camera.value("Height", int)

@@ -233,24 +233,24 @@ class V4l2Device(VideoNode):
         pix = form.fmt.pix
         pix.width, pix.height = width_px, height_px
         pix.pixelformat, pix.field = abi.fourcc(fourcc), abi.FIELD_NONE
-        asked = f"{fourcc.strip()} {width_px}x{height_px}"
+        requested = f"{fourcc.strip()} {width_px}x{height_px}"
         refused = None
         try:
             self.try_call(abi.Vidioc.S_FMT, form)
         except OSError as error:
             # Most drivers replace a format that they lack by their own, some return EINVAL.
             if error.errno != errno.EINVAL:
-                self.fail(f"cannot set {asked}", error)
+                self.fail(f"cannot set {requested}", error)
             refused = "refuses it"
-        given_fourcc = abi.fourcc_text(pix.pixelformat)
-        given = (given_fourcc, pix.width, pix.height)
-        if refused is None and given != (fourcc, width_px, height_px):
-            refused = f"gave {given_fourcc.strip()} {pix.width}x{pix.height}"
+        actual_fourcc = abi.fourcc_text(pix.pixelformat)
+        actual = (actual_fourcc, pix.width, pix.height)
+        if refused is None and actual != (fourcc, width_px, height_px):
+            refused = f"gave {actual_fourcc.strip()} {pix.width}x{pix.height}"
         if refused is None and pix.field != abi.FIELD_NONE:
             refused = "gives interlaced frames only"
         if refused is not None:
             raise CameraError(
-                f"{self.path}: {asked} was asked for, the driver {refused}; set "
+                f"{self.path}: {requested} was asked for, the driver {refused}; set "
                 f"camera.pixel_format, width_px and height_px to one of {self._offer()}"
             )
         quantization = abi.QUANTIZATION_NAMES.get(pix.quantization, str(pix.quantization))

@@ -140,13 +140,13 @@ def _mirrored(images: _Images, tilts_deg: Any, size: float, place: Place) -> _Im
 
 def _lights(tilts_deg: Any, source_deg: Callable[[float], float]) -> list[int] | None:
     """For each light the one that shone from there before the part was moved."""
-    found = []
+    lights = []
     for tilt_deg in tilts_deg.tolist():
-        apart = np.abs((tilts_deg - source_deg(tilt_deg) + 180.0) % 360.0 - 180.0)
-        if apart.min() > _SAME_TILT_DEG:
+        differences_deg = np.abs((tilts_deg - source_deg(tilt_deg) + 180.0) % 360.0 - 180.0)
+        if differences_deg.min() > _SAME_TILT_DEG:
             return None
-        found.append(int(apart.argmin()))
-    return found
+        lights.append(int(differences_deg.argmin()))
+    return lights
 
 
 def _scaled(images: _Images, _: Any, factor: float, __: Place) -> _Images:

@@ -64,8 +64,8 @@ def present(
             "the rig is real; present known parts to ps4rig station run, and give their list"
         )
     draw = random.Random(seed)
-    wanted = inspector.recipe.light.model_dump(exclude_none=True)
-    config = rig_config.with_changes(camera=wanted) if wanted else rig_config
+    settings = inspector.recipe.light.model_dump(exclude_none=True)
+    config = rig_config.with_changes(camera=settings) if settings else rig_config
     calibration = None if inspector.calibration is None else inspector.calibration.file
     with open_rig(config) as rig:
         for _ in range(times):

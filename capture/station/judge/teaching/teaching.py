@@ -69,9 +69,9 @@ def teach(
     with files.changing():
         before = read_recipe(files.file) if files.file.exists() else None
         known = [] if before is None else list(known_sets(files, before))
-        given = keep_sets(paths, files.sets, bad_texture or good_texture, files.name)
-        sets = _by_texture(known, given, removed, is_relabelling=is_relabelling)
-        textures = list(dict.fromkeys(kept.texture for kept in given))
+        added = keep_sets(paths, files.sets, bad_texture or good_texture, files.name)
+        sets = _by_texture(known, added, removed, is_relabelling=is_relabelling)
+        textures = list(dict.fromkeys(kept.texture for kept in added))
         emptied = {kept.texture for kept in known} - {kept.texture for kept in sets}
         recipe = _next_version(files, before, textures, emptied, bad=bad_texture is not None)
         _check_good_parts(recipe, sets)
@@ -88,7 +88,7 @@ def teach(
 
 def _by_texture(
     known: Sequence[KeptSet],
-    given: Sequence[KeptSet],
+    added: Sequence[KeptSet],
     removed: Sequence[str],
     *,
     is_relabelling: bool,
@@ -99,12 +99,13 @@ def _by_texture(
         if name not in names:
             raise RecipeError(f"--remove {name[:100]}: no set of this name was taught")
     by_pixels = {kept.pixels_sha256: kept for kept in known if kept.path.name not in removed}
-    for kept in given:
-        other = by_pixels.get(kept.pixels_sha256, kept)
-        if other.texture != kept.texture and (other in given or not is_relabelling):
+    for kept in added:
+        earlier = by_pixels.get(kept.pixels_sha256, kept)
+        if earlier.texture != kept.texture and (earlier in added or not is_relabelling):
             raise RecipeError(
-                f"{kept.path}: was taught as {other.texture!r} and cannot be {kept.texture!r} too; "
-                "give --relabel to change its texture, or --remove with its name to take it out"
+                f"{kept.path}: was taught as {earlier.texture!r} and cannot be {kept.texture!r} "
+                "too; give --relabel to change its texture, or --remove with its name to take it "
+                "out"
             )
         by_pixels[kept.pixels_sha256] = kept
     return sorted(by_pixels.values(), key=lambda kept: kept.texture)
@@ -121,7 +122,9 @@ def _next_version(
     """The next version of a recipe with further textures, good or bad, and without `emptied`."""
     name = files.name
     passes, fails = ((), ()) if before is None else (before.passes, before.fails)
-    passes, fails = (tuple(n for n in named if n not in emptied) for named in (passes, fails))
+    passes, fails = (
+        tuple(n for n in textures_of_use if n not in emptied) for textures_of_use in (passes, fails)
+    )
     for texture in textures:
         if texture in (passes if bad else fails):
             raise RecipeError(
@@ -170,10 +173,10 @@ def _taught(
     check_alike(parts)
     unlabelled = [part for part in parts if not part.kept.has_label]
     require_one_texture(unlabelled)
-    made = files.version(recipe.version)
-    make_folder(made.folder)
+    taught_files = files.version(recipe.version)
+    make_folder(taught_files.folder)
     library = _library(parts)
-    library.save(made.library)
+    library.save(taught_files.library)
     segment_px = library.segment_px
     matches = leave_one_out([part.row for part in parts], [part.test for part in parts], segment_px)
     good = {name: [part for part in parts if part.kept.texture == name] for name in recipe.passes}
@@ -183,13 +186,14 @@ def _taught(
         for name, learned in defects.items()
     }
     textures = {
-        name: _texture(name, parts, matches, made, models, defects) for name in library.classes
+        name: _texture(name, parts, matches, taught_files, models, defects)
+        for name in library.classes
     }
     taught = Taught(
         setting=parts[0].setting,
         region=recipe.region,
         has_calibration=parts[0].has_calibration,
-        library_sha256=file_sha256(made.library),
+        library_sha256=file_sha256(taught_files.library),
         textures=textures,
     )
     before, by_people = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
@@ -228,7 +232,7 @@ def _taught(
     return Teaching(
         recipe,
         taught,
-        made,
+        taught_files,
         tuple(parts),
         tuple(matches),
         tuple(inspections),
@@ -261,18 +265,18 @@ def _library(parts: Sequence[TaughtPart]) -> TextureLibrary:
 
 
 def _piece_model(parts: Sequence[TaughtPart], library: TextureLibrary) -> PieceModel:
-    named = classifier_named(library.classifier)
+    classifier = classifier_named(library.classifier)
 
     def rings(observation: Observation) -> npt.NDArray[np.float64]:
-        return ring_levels(named.signature(observation, library.parameters))
+        return ring_levels(classifier.signature(observation, library.parameters))
 
     good, changes = [], []
     for part in parts:
-        signature = named.signature(part.test, library.parameters)
-        own = ring_levels(signature)
-        good.append(GoodPart(part.moments, library.match(signature).orientation_deg, own))
+        signature = classifier.signature(part.test, library.parameters)
+        levels = ring_levels(signature)
+        good.append(GoodPart(part.moments, library.match(signature).orientation_deg, levels))
         changes += [
-            (rings(scaled) - own) / math.log(1.0 + step)
+            (rings(scaled) - levels) / math.log(1.0 + step)
             for scaled, step in zip(part.scaled, (-SCALE_STEP, SCALE_STEP), strict=True)
         ]
     return learn_pieces(good, np.mean(changes, axis=0))
@@ -332,14 +336,18 @@ def _measured_limits(
 ) -> dict[str, Limits]:
     limits_of: dict[str, Limits] = {}
     for texture in recipe.passes:
-        own = [n for n, part in enumerate(parts) if part.kept.texture == texture]
-        found = (matches[n] for n in own)
+        numbers = [n for n, part in enumerate(parts) if part.kept.texture == texture]
+        own_matches = (matches[n] for n in numbers)
         limits_of[texture] = limits_of_texture(
-            [match.distance for match in found if match is not None and match.nearest == texture],
-            [parts[n].sdq for n in own],
-            [parts[n].shadow_fraction for n in own],
-            [parts[n].unmeasured_fraction for n in own],
-            [parts[n].albedo for n in own],
+            [
+                match.distance
+                for match in own_matches
+                if match is not None and match.nearest == texture
+            ],
+            [parts[n].sdq for n in numbers],
+            [parts[n].shadow_fraction for n in numbers],
+            [parts[n].unmeasured_fraction for n in numbers],
+            [parts[n].albedo for n in numbers],
             models[texture].pieces.scale_deviation,
             has_handedness=models[texture].pieces.handedness is not None,
         )

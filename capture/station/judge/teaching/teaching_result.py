@@ -93,25 +93,25 @@ class Teaching:
     def promises(self) -> Iterator[str]:
         """Yield the error rates that the parts show, in the terms of a gauge study."""
         for texture in (*self.recipe.passes, *self.recipe.fails):
-            found = [
+            matches = [
                 match
                 for part, match in zip(self.parts, self.matches, strict=True)
                 if part.kept.texture == texture and match is not None
             ]
-            if not found:
+            if not matches:
                 continue
             good = texture in self.recipe.passes
             if good:
-                events = sum(match.label != texture for match in found)
+                events = sum(match.label != texture for match in matches)
                 limit, event = _MAX_FALSE_ALARMS, "rejected"
             else:
-                events = sum(match.label in self.recipe.passes for match in found)
+                events = sum(match.label in self.recipe.passes for match in matches)
                 limit, event = _MAX_MISSES, "passed"
             kind = "good" if good else "bad"
             yield (
-                f"{texture}: {events} of {len(found)} {kind} parts were {event} by their texture "
+                f"{texture}: {events} of {len(matches)} {kind} parts were {event} by their texture "
                 f"when they were left out. With {CONFIDENCE:.0%} confidence at most "
-                f"{share_at_most(events, len(found)):.1%} are; {trials_to_show(limit)} parts "
+                f"{share_at_most(events, len(matches)):.1%} are; {trials_to_show(limit)} parts "
                 f"without one {event} would show {limit:.0%}"
             )
         for texture, bound in self.false_alarm_bounds.items():
@@ -165,5 +165,5 @@ def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Itera
         confused = match.nearest != kept.texture and textures.count(kept.texture) > 1
         if other is not None and (confused or undecided or match.label == other):
             pairs.setdefault((kept.texture, other), []).append(kept)
-    for (texture, other), found in pairs.items():
-        yield Overlap(texture, other, tuple(found), textures.count(texture))
+    for (texture, other), kept_sets in pairs.items():
+        yield Overlap(texture, other, tuple(kept_sets), textures.count(texture))

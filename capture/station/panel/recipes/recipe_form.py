@@ -85,7 +85,7 @@ class RecipeForm:
     def sections(self) -> list[FormSection]:
         """Return all sections but the textures."""
         recipe = self._recipe
-        found = [
+        sections = [
             self._section((name,), name, SECTIONS[name], model, getattr(recipe, name))
             for name, model in _MODELS.items()
         ]
@@ -95,13 +95,13 @@ class RecipeForm:
             place: Place = ("limits_of", texture)
             names = f"limits_of.{number}"
             title = f"limits of {texture}"
-            found.append(self._section(place, title, hint, Limits, limits, names))
+            sections.append(self._section(place, title, hint, Limits, limits, names))
         known = ", ".join(recipe.acknowledged)
         texts = (
             self._field(("note",), "note", recipe.note),
             self._field(("acknowledged",), "acknowledged", known),
         )
-        return [FormSection("note", "", texts), *found]
+        return [FormSection("note", "", texts), *sections]
 
     def textures(self) -> list[TextureField]:
         """Return the textures, each good or bad."""
@@ -147,9 +147,9 @@ class RecipeForm:
     def _field(self, place: Place, name: str, value: Any, label: str = "") -> FormField:
         key = str(place[-1] if not isinstance(place[-1], int) else place[-2])
         unit = next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
-        said = label or key.replace("_", " ")
+        text = label or key.replace("_", " ")
         for end in _UNITS:
-            said = said.removesuffix(end.replace("_", " "))
+            text = text.removesuffix(end.replace("_", " "))
         kind: Literal["number", "yes", "text"] = "number"
         if key in _TRUTHS:
             kind = "yes"
@@ -157,7 +157,7 @@ class RecipeForm:
             kind = "text"
         return FormField(
             name=name,
-            label=f"{said}, {unit}" if unit else said,
+            label=f"{text}, {unit}" if unit else text,
             hint=COMMENTS.get(key, ""),
             kind=kind,
             value=self._text(name, value, is_truth=kind == "yes"),
