@@ -124,9 +124,9 @@ class TtyEndpoint(Endpoint):
             # First, because a terminal that is not raw echoes bytes to the host.
             tty.setraw(fd, termios.TCSANOW)
             settings = termios.tcgetattr(fd)
-            # Ignore the other end's modem lines, and use no flow control.
+            # The control flags: ignore the other end's modem lines, and use no flow control.
             settings[2] = settings[2] & ~termios.CRTSCTS | termios.CLOCAL | termios.CREAD
-            settings[4] = settings[5] = self._speed
+            settings[4] = settings[5] = self._speed  # of input and of output
             termios.tcsetattr(fd, termios.TCSANOW, settings)
             termios.tcflush(fd, termios.TCIOFLUSH)
         except termios.error as error:

@@ -104,10 +104,10 @@ class _LightSlot:
         if end_s is not None:
             clock = self._rig.clock
             clock.sleep_s(end_s - clock.now_s())
-            asked_s = clock.now_s()
+            commanded_s = clock.now_s()
             self._confirm()
             switch = switch_to(self._rig, light)
-            frame = self._fresh.take_exposed_by(asked_s)
+            frame = self._fresh.take_exposed_by(commanded_s)
             if frame is not None:
                 self._mean.add(frame)
                 return switch

@@ -76,7 +76,7 @@ class Exposures(ABC):
         return True
 
     def trigger(self) -> bool:
-        """A pulse on the trigger line, at this moment; whether it starts an exposure."""
+        """Give a pulse on the trigger line now; return whether it starts an exposure."""
         return False
 
     def close(self) -> None:
@@ -129,7 +129,7 @@ class Triggered(Exposures):
         self._forgotten = 0  # exposures before the first of them
 
     def trigger(self) -> bool:
-        """A pulse on the trigger line, at this moment; whether it starts an exposure."""
+        """Give a pulse on the trigger line now; return whether it starts an exposure."""
         now_s = self._clock.now_s()
         with self._lock:
             if self._starts_s and now_s < self._starts_s[-1] + self.shutter.period_s:

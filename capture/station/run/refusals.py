@@ -24,7 +24,7 @@ _RETRY_S = 0.5
 class Refusals:
     """Records refused triggers from a thread of its own; `add` never waits.
 
-    At most `MAX_WAITING` wait, also before the run; one row counts those beyond.
+    At most `MAX_WAITING` wait, also before the run; one row counts the others.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Refusals:
         self._changed = threading.Condition()
         self._waiting: deque[RefusedTrigger] = deque()
         self._last: RefusedTrigger
-        self._beyond = 0
+        self._overflow = 0
         self._closed = threading.Event()
 
     @contextmanager
@@ -67,7 +67,7 @@ class Refusals:
             if len(self._waiting) < MAX_WAITING:
                 self._waiting.append(refused)
             else:
-                self._beyond += 1
+                self._overflow += 1
             self._changed.notify_all()
 
     def _run(self, store: ResultStore, is_simulated: Callable[[], bool]) -> None:
@@ -75,10 +75,10 @@ class Refusals:
         while not is_last:
             with self._changed:
                 self._changed.wait_for(
-                    lambda: self._waiting or self._beyond or self._closed.is_set()
+                    lambda: self._waiting or self._overflow or self._closed.is_set()
                 )
                 is_last = self._closed.is_set()
-                refused, beyond = self._taken()
+                refused, overflow = self._rows_to_write()
             simulated = is_simulated()
             recorded = self._record(store, [row._replace(simulated=simulated) for row in refused])
             if not recorded:
@@ -86,24 +86,24 @@ class Refusals:
                 if not is_last:
                     continue
                 with self._changed:
-                    refused, beyond = self._taken()
+                    refused, overflow = self._rows_to_write()
             with self._changed:
-                for _ in range(len(refused) - bool(beyond)):
+                for _ in range(len(refused) - bool(overflow)):
                     self._waiting.popleft()
-                self._beyond -= beyond
+                self._overflow -= overflow
             self._wait_for_room(self._closed.is_set)
-            self._tell(refused, recorded=recorded, beyond=beyond)
+            self._tell(refused, recorded=recorded, overflow=overflow)
             self._closed.wait(len(refused) / _ROWS_PER_S)
 
-    def _taken(self) -> tuple[list[RefusedTrigger], int]:
-        refused, beyond = list(self._waiting), self._beyond
-        if beyond:
-            reason = f"{beyond} triggers more than could be recorded one by one"
+    def _rows_to_write(self) -> tuple[list[RefusedTrigger], int]:
+        refused, overflow = list(self._waiting), self._overflow
+        if overflow:
+            reason = f"{overflow} triggers more than could be recorded one by one"
             refused.append(self._last._replace(part_id=None, reason=reason))
-        return refused, beyond
+        return refused, overflow
 
-    def _tell(self, refused: list[RefusedTrigger], *, recorded: bool, beyond: int = 0) -> None:
-        triggers = [1] * (len(refused) - bool(beyond)) + [beyond] * bool(beyond)
+    def _tell(self, refused: list[RefusedTrigger], *, recorded: bool, overflow: int = 0) -> None:
+        triggers = [1] * (len(refused) - bool(overflow)) + [overflow] * bool(overflow)
         for row, count in zip(refused, triggers, strict=True):
             event = TriggerRefused(row.trigger, row.part_id, row.reason, recorded, count)
             self._publish(event)

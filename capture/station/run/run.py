@@ -90,7 +90,7 @@ def _checks(
 ) -> Iterator[Check]:
     """All checks but those of recipe and rig; interrupted parts get their results.
 
-    The check of the results waits for a part whose trigger the database began too late.
+    The check of the results first waits until the database has recorded a part that it began late.
     """
     floor_mb, size = folder.config.disk_floor_mb, set_bytes(rig_config)
     yield from collected("disk", lambda: check_disk(folder.path, floor_mb, size), "disk")
