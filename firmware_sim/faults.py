@@ -281,9 +281,9 @@ def _damaged(line: bytes, kind: str, rng: random.Random) -> bytes:
         case "truncate":
             return line[: rng.randrange(len(line))]
         case "lose_byte":
-            at = rng.randrange(len(line))
-            return line[:at] + line[at + 1 :]
+            position = rng.randrange(len(line))
+            return line[:position] + line[position + 1 :]
         case "double_byte":
-            at = rng.randrange(len(line))
-            return line[: at + 1] + line[at:]
+            position = rng.randrange(len(line))
+            return line[: position + 1] + line[position:]
     return b""  # "lose"

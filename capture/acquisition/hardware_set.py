@@ -138,18 +138,20 @@ def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) 
                 frames=mean.records,
                 led_acknowledged_s=lit_s,
                 led_level_percent=None if light is None else levels[light],
-                controller_time_us=done[-1].lit_us,
+                controller_time_us=light_steps[-1].lit_us,
                 exposures_us=tuple(
                     (step.begun_us, step.ended_us)
-                    for step in done
+                    for step in light_steps
                     if step.begun_us is not None and step.ended_us is not None
                 ),
                 triggers_us=tuple(
-                    step.triggered_us for step in done if step.triggered_us is not None
+                    step.triggered_us for step in light_steps if step.triggered_us is not None
                 ),
             ),
         )
-        for light, mean, done, lit_s in zip(plan.lights, means, steps, acknowledged_s, strict=True)
+        for light, mean, light_steps, lit_s in zip(
+            plan.lights, means, steps, acknowledged_s, strict=True
+        )
     ]
 
 
@@ -214,12 +216,12 @@ def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
 
 def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[float]:
     """Exposure start of each step on the rig's clock."""
-    done = tuple(step.light for step in report.steps)
-    if report.cause is not None or done != plan.lights:
+    stepped_lights = tuple(step.light for step in report.steps)
+    if report.cause is not None or stepped_lights != plan.lights:
         raise SetRejected(
-            f"set rejected: the sequence ended at step {len(done)} of {len(plan.lights)}: "
-            f"{report.cause or 'the controller used another order'}; check the cables of strobe "
-            "and trigger"
+            f"set rejected: the sequence ended at step {len(stepped_lights)} of "
+            f"{len(plan.lights)}: {report.cause or 'the controller used another order'}; check the "
+            "cables of strobe and trigger"
         )
     without_strobe = plan.triggers and all(step.exposures == 0 for step in report.steps)
     least_us = 1e6 * rig.camera.info.exposure_s * (1.0 - _PULSE_TOLERANCE) - _PULSE_TOLERANCE_US

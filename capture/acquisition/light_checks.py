@@ -255,8 +255,8 @@ def share_while_off(images: npt.NDArray[np.uint16], ambient: npt.NDArray[np.uint
     shading = images[:, ::step, ::step] - dark
     common = shading.mean(axis=0)
     means = shading.mean(axis=(1, 2), keepdims=True)
-    own = (shading - common * (means / common.mean())).reshape(len(images), -1)
+    distinct_shading = (shading - common * (means / common.mean())).reshape(len(images), -1)
     centred = (dark - dark.mean()).ravel()
-    products, squares = own @ centred, (own**2).sum(axis=1) + 1e-9
+    products, squares = distinct_shading @ centred, (distinct_shading**2).sum(axis=1) + 1e-9
     correlations = products / np.sqrt(squares * ((centred**2).sum() + 1e-9))
     return np.where(correlations > _STAYS_ON_CORRELATION, products / squares, 0.0)

@@ -160,16 +160,16 @@ def _separation(
     usable_entries = [entry for entry in entries if entry.piece in usable]
     compared, rows = [], []
     for number, entry in enumerate(usable_entries):
-        own = {}
+        self_distance = {}
         if entry.pixels_sha256 in first_hashes:
             surface: SurfaceEstimate | None = usable[entry.piece].surface
             # The distance of the first set to itself is not that of a repeated capture.
-            own = {entry.piece: math.nan}
+            self_distance = {entry.piece: math.nan}
         else:
             surface = _surface(_loaded(folder, entry, damaged), entry, damaged)
         if surface is not None:
             try:
-                rows.append([(library.distances(surface) | own)[name] for name in names])
+                rows.append([(library.distances(surface) | self_distance)[name] for name in names])
                 compared.append(entry)
             except InputError as error:
                 damaged[entry.file or ""] = str(error)
@@ -178,8 +178,8 @@ def _separation(
     distances = np.array(rows)
     filled = np.nan_to_num(distances, nan=0.0)
     matrix = class_dissimilarities(filled, [names.index(entry.piece) for entry in compared])
-    alone = limits_alone(library)
-    limits = np.array([alone[name] for name in names])
+    single_limits = limits_alone(library)
+    limits = np.array([single_limits[name] for name in names])
     return Separation(
         names, compared, distances, limits, matrix, dendrogram(matrix), embedding(filled, matrix)
     )
@@ -206,8 +206,8 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
     are: of a single material all distances are large, because its own quarters are the unit.
     """
     names, entries = separation.specimens, separation.entries
-    own = np.array([names.index(entry.piece) for entry in entries])
-    shares = separation.distances[range(len(own)), own] / separation.limits[own]
+    classes = np.array([names.index(entry.piece) for entry in entries])
+    shares = separation.distances[range(len(classes)), classes] / separation.limits[classes]
     is_first = np.isnan(shares)
     labels = {
         entry.piece: entry.description and entry.description.label

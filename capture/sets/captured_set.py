@@ -164,9 +164,9 @@ class CapturedSet:
         )  # fmt: skip
 
     def _named_calibration(self) -> Calibration:
-        own = self.calibration
-        if own is not None and own.hash in self.metadata.calibration_ids:
-            return own.calibration
+        file = self.calibration
+        if file is not None and file.hash in self.metadata.calibration_ids:
+            return file.calibration
         path = self.path or Path("a set without a file")
         calibration = calibration_of(path, self.metadata, self.images.shape[1:], remedy=_REMEDY)
         for text in () if calibration is None else calibration.warnings:

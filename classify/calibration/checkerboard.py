@@ -80,16 +80,16 @@ def find_corners(image: Array, corners: tuple[int, int]) -> Floats:
 
 def _corners(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> Floats | None:
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
-    is_found, at = cv2.findChessboardCornersSB(image, corners, flags=flags)
+    is_found, corners_px = cv2.findChessboardCornersSB(image, corners, flags=flags)
     if not is_found:
         return None
     # The gradients around a corner place it to 0.02 px where the search does to 0.2 px
     # (test_checkerboard.py). The window stays within the four squares.
-    grid = at.reshape(corners[1], corners[0], 2)
+    grid = corners_px.reshape(corners[1], corners[0], 2)
     spacing = min(float(np.linalg.norm(np.diff(grid, axis=k), axis=2).min()) for k in (0, 1))
     half = int(np.clip(0.3 * spacing, 2, 15))
     ends = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
-    fine = cv2.cornerSubPix(image, at.astype(np.float32), (half, half), (-1, -1), ends)
+    fine = cv2.cornerSubPix(image, corners_px.astype(np.float32), (half, half), (-1, -1), ends)
     return np.asarray(fine, np.float64).reshape(-1, 2)
 
 

@@ -200,14 +200,14 @@ class DriftModel:
         yield (_WHITE_SPREAD * all_lights * one).ravel()
         for slope in _TILT_SPREAD * np.eye(2):
             yield self._tilt_change(slope).ravel()
-        own = np.eye(len(self.positions))[..., None]
-        for light in own:
+        single_lights = np.eye(len(self.positions))[..., None]
+        for light in single_lights:
             yield (_LEVEL_SPREAD * light * one).ravel()
         for term in (x, y, x * x, x * y, y * y):
             yield (_UNEVEN_SPREAD * all_lights * term).ravel()
         for bow in (along_x * x, along_y * y, along_x * y + along_y * x):
             yield (-_BOW_SPREAD * bow).ravel()
-        for light in own:
+        for light in single_lights:
             for term in (x, y):
                 yield (_GRADIENT_SPREAD * light * term).ravel()
             for term in (x * x, x * y, y * y):
@@ -228,8 +228,8 @@ class DriftModel:
         return np.zeros_like(self._strengths) + np.asarray(values, np.float64)
 
     def _level_change(self, light: int) -> Callable[[Floats], Floats]:
-        own = np.eye(len(self.positions))[:, light, None]
-        return lambda numbers: self._even(numbers[0] * own)
+        single_light = np.eye(len(self.positions))[:, light, None]
+        return lambda numbers: self._even(numbers[0] * single_light)
 
     def _light_change(self, light: int) -> Callable[[Floats], Floats]:
         """Numbers: two angles in radians, and the logarithm of the distance."""

@@ -78,8 +78,8 @@ def lights_from_spheres(
     residual = float(np.sqrt(np.mean([placement.residual**2 for placement in measured])))
     positions = positions_of_rays(points, directions, errors) if len(placements) > 1 else None
     if positions is not None:
-        at, across, along = positions
-        lighting = Lighting(at, intensities, positions_px=at)
+        light_positions, across, along = positions
+        lighting = Lighting(light_positions, intensities, positions_px=light_positions)
         distance_errors: Floats | None = along
     else:
         lighting, across, distance_errors = Lighting(mean, intensities), mean_error, None
@@ -186,27 +186,27 @@ def positions_of_rays(
     Minimises for each light the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2; None
     if not determined.
     """
-    off = np.eye(3) - directions[..., :, None] * directions[..., None, :]
+    projections = np.eye(3) - directions[..., :, None] * directions[..., None, :]
     distance = np.ones(errors.shape)
     for _ in range(6):
         weights = 1.0 / (np.maximum(errors, 1e-6) * distance) ** 2
-        weighted = weights[..., None, None] * off
+        weighted = weights[..., None, None] * projections
         normal = weighted.sum(axis=0)
         right = np.einsum("jnab,jnb->na", weighted, points)
         if not np.linalg.cond(normal).max() < _PARALLEL:
             return None
-        at = np.linalg.solve(normal, right[..., None])[..., 0]
+        positions = np.linalg.solve(normal, right[..., None])[..., 0]
         covariance = np.linalg.inv(normal)
-        distance = np.linalg.norm(at - points, axis=-1)
-    misses = np.einsum("jnab,jnb->jna", off, at - points)
+        distance = np.linalg.norm(positions - points, axis=-1)
+    misses = np.einsum("jnab,jnb->jna", projections, positions - points)
     freedom = misses.shape[1] * (2 * len(points) - 3)
     excess = max(1.0, float((weights[..., None] * misses**2).sum()) / freedom)
-    length = np.linalg.norm(at, axis=1)
-    towards = at / length[:, None]
+    length = np.linalg.norm(positions, axis=1)
+    towards = positions / length[:, None]
     along = np.einsum("na,nab,nb->n", towards, covariance, towards)
     across = (np.trace(covariance, axis1=1, axis2=2) - along) / 2.0
     along, across = np.sqrt(excess * along) / length, np.sqrt(excess * across) / length
-    is_behind = ((at - points) * directions).sum(axis=-1) <= 0.0
+    is_behind = ((positions - points) * directions).sum(axis=-1) <= 0.0
     if is_behind.any() or (towards[:, 2] <= 0.01).any() or along.max() > _KNOWN_DISTANCE:
         return None
-    return at, across, along
+    return positions, across, along

@@ -85,15 +85,15 @@ def camera_config(values: Any) -> Any:
     if kind is None:
         kinds = ", ".join(map(repr, CAMERA_KINDS))
         raise explained(f"camera.kind = {toml_text(values.get('kind'))}: must be one of {kinds}")
-    own = {}
+    own_keys = {}
     for key, value in values.items():
         fields = [
-            (name, other.config.model_fields[key])
-            for name, other in CAMERA_KINDS.items()
-            if key in other.config.model_fields
+            (name, camera_kind.config.model_fields[key])
+            for name, camera_kind in CAMERA_KINDS.items()
+            if key in camera_kind.config.model_fields
         ]
         if key in kind.config.model_fields or not fields:
-            own[key] = value
+            own_keys[key] = value
         elif all(value != field.default for _, field in fields):
             kinds = " or ".join(repr(name) for name, _ in fields)
             raise explained(
@@ -101,6 +101,6 @@ def camera_config(values: Any) -> Any:
                 f"it out, or set kind = {kinds}"
             )
     try:
-        return kind.config.model_validate(own)
+        return kind.config.model_validate(own_keys)
     except ValidationError as error:
         raise explained(validation_message(error, kind.config, "camera")) from error

@@ -73,9 +73,11 @@ def check_access(name: str, device: str) -> Check:
     except KeyError:
         group = str(status.st_gid)
     is_own = status.st_gid in os.getgroups()
-    own = "its group is one of yours, but " * is_own
+    group_note = "its group is one of yours, but " * is_own
     mode = f"{status.st_mode & 0o777:o}"
-    finding = f"{device} belongs to group {group}, mode {mode}; {own}you may not read and write it"
+    finding = (
+        f"{device} belongs to group {group}, mode {mode}; {group_note}you may not read and write it"
+    )
     join = f"sudo usermod -aG {group} $USER and log in again, or " * (not is_own)
     return Check(name, "fault", finding, f"{join}install the udev rules: {_INSTALL_RULES}")
 
@@ -185,10 +187,10 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
         finding = f"{camera.name} ({camera.driver}) at {camera.device}: {formats}{more_formats}"
         yield Check("camera", "ok", finding)
     if isinstance(config, DeviceCameraConfig):
-        own = next((camera for camera in cameras if config.matches(camera)), None)
-        if own is not None and own.node is not None:
-            yield check_access("permission", str(own.node))
-        elif own is None:
+        rig_camera = next((camera for camera in cameras if config.matches(camera)), None)
+        if rig_camera is not None and rig_camera.node is not None:
+            yield check_access("permission", str(rig_camera.node))
+        elif rig_camera is None:
             finding = f"{config.device} is not among the {len(cameras)} cameras found"
             advice = "is it plugged in? Set camera.device to one of the names above"
             yield Check("camera.device", "fault", finding, advice)

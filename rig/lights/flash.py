@@ -158,7 +158,7 @@ def _on_board(port: str, *words: str) -> str:
     """Run a command of mpremote at MicroPython's prompt; return its output."""
     command = [sys.executable, "-m", "mpremote", "connect", port, "resume", *words]
     try:
-        done = subprocess.run(
+        result = subprocess.run(
             command,
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -170,10 +170,10 @@ def _on_board(port: str, *words: str) -> str:
             f"{port}: the board did not finish in {_STEP_TIMEOUT_S:g} s; unplug it, hold its "
             "service pin low, plug it in and flash it again"
         ) from None
-    if done.returncode != 0:
-        lines = (done.stdout + done.stderr).strip().splitlines()
+    if result.returncode != 0:
+        lines = (result.stdout + result.stderr).strip().splitlines()
         raise LightControllerError(
             f"{port}: no MicroPython for a Raspberry Pi Pico answers, or it refused: "
             f"{lines[-1] if lines else 'mpremote failed'}"
         )
-    return done.stdout
+    return result.stdout

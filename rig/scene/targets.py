@@ -140,8 +140,8 @@ class Sphere:
         # Where a ray that goes down from the ball reaches the plane of the card.
         down_px = self.radius_px * (1.0 + np.sqrt(towards_z)) / np.maximum(-z, 1e-6)
         beyond = [
-            np.abs(at + down_px * along) > 0.5 * _CARD_SHARE * side_px
-            for at, along in zip(from_centre(side_px), (x, y), strict=True)
+            np.abs(start + down_px * step) > 0.5 * _CARD_SHARE * side_px
+            for start, step in zip(from_centre(side_px), (x, y), strict=True)
         ]
         card = (z < 0.0) & ~beyond[0] & ~beyond[1]
         lit_card = scene.lights.max(axis=(1, 2), where=~ball, initial=0.0)[:, None, None]
@@ -174,11 +174,15 @@ class _Checkerboard:
         sign, inside = np.ones(()), np.ones((), np.bool_)
         for along, corners in zip(axes, CHECKERBOARD_CORNERS, strict=True):
             # Squares from the middle of the board; corners are at whole numbers.
-            at = along / self.square_px + 0.5 * (corners - 1)
-            to_edge_px = (0.5 - np.abs(np.mod(at, 1.0) - 0.5)) * self.square_px * view.magnification
-            side = np.where(np.mod(np.floor(at), 2.0) == 0.0, 1.0, -1.0)
+            square_coordinates = along / self.square_px + 0.5 * (corners - 1)
+            to_edge_px = (
+                (0.5 - np.abs(np.mod(square_coordinates, 1.0) - 0.5))
+                * self.square_px
+                * view.magnification
+            )
+            side = np.where(np.mod(np.floor(square_coordinates), 2.0) == 0.0, 1.0, -1.0)
             sign = sign * side * np.minimum(2.0 * to_edge_px, 1.0)
-            inside = inside & (at > -1.0) & (at < corners)
+            inside = inside & (square_coordinates > -1.0) & (square_coordinates < corners)
         share = np.where(inside, 0.5 + 0.5 * sign, 1.0)
         albedo = np.asarray(self.black + (self.white - self.black) * share, np.float32)
         flat = np.zeros_like(albedo)

@@ -111,9 +111,9 @@ def study_faults(
             path = files.sets / taught_set.file
             if len(good) < parts and path.is_file():
                 loaded = LoadedSet.of(path)
-                own = inspector.with_calibration(loaded.found_calibration)
-                if own.inspect(loaded.captured).verdict.decision is Decision.PASS:
-                    good.append((loaded, own))
+                calibrated = inspector.with_calibration(loaded.found_calibration)
+                if calibrated.inspect(loaded.captured).verdict.decision is Decision.PASS:
+                    good.append((loaded, calibrated))
         limits = inspector.recipe.limits_for(texture)
         for fault in FAULTS:
             if fault.needs_handedness and limits.handedness is None:
@@ -121,7 +121,10 @@ def study_faults(
             for strength in fault.strengths:
                 if large_only and not (fault.is_local and strength == _LARGE_STRENGTH):
                     continue
-                verdicts = [_passes(own, loaded, fault, strength, draw) for loaded, own in good]
+                verdicts = [
+                    _passes(calibrated, loaded, fault, strength, draw)
+                    for loaded, calibrated in good
+                ]
                 judged = [verdict for verdict in verdicts if verdict is not None]
                 finding = FaultFinding(
                     texture=texture,

@@ -140,7 +140,9 @@ def _next_version(
     changes: dict[str, Any] = {"passes": passes, "fails": fails, "approval": None}
     if before is None:
         return Recipe.model_validate({"name": name, **changes})
-    changes["limits_of"] = {n: own for n, own in before.limits_of.items() if n not in emptied}
+    changes["limits_of"] = {
+        name: limits for name, limits in before.limits_of.items() if name not in emptied
+    }
     # After a roll back there are later versions, whose files stay.
     taught = [*files.taught_versions()[:1], *([before.version] if before.taught else [])]
     version = max([before.version, *(number + 1 for number in taught)])
@@ -286,24 +288,24 @@ def _texture(
     texture: str,
     parts: Sequence[TaughtPart],
     matches: Sequence[Match | None],
-    made: TaughtFiles,
+    files: TaughtFiles,
     models: Mapping[str, TextureModels],
     learned: Mapping[str, TaughtDefects],
 ) -> TaughtTexture:
-    own = [
+    of_texture = [
         (part, match)
         for part, match in zip(parts, matches, strict=True)
         if part.kept.texture == texture
     ]
-    signals = [part.light_signals for part, _ in own]
-    means = tuple(sum(levels) / len(own) for levels in zip(*signals, strict=True))
+    signals = [part.light_signals for part, _ in of_texture]
+    means = tuple(sum(levels) / len(of_texture) for levels in zip(*signals, strict=True))
     taught = TaughtTexture(
-        sets=tuple(_set(part.kept, match) for part, match in own), light_signals=means
+        sets=tuple(_set(part.kept, match) for part, match in of_texture), light_signals=means
     )
     if texture not in models:
         return taught
     number, model = list(models).index(texture) + 1, models[texture]
-    defects, pieces = made.defects(number), made.pieces(number)
+    defects, pieces = files.defects(number), files.pieces(number)
     model.defects.save(defects)
     model.pieces.save(pieces)
     changes = {
