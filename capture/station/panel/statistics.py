@@ -13,6 +13,7 @@ from capture.station.results.statistics import (
     MAX_MEASURED,
     CauseCount,
     Period,
+    counted,
     counted_causes,
     counted_defects,
     counted_periods,
@@ -58,17 +59,17 @@ class StationStatistics:
 def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
     """Return the statistics of the selected parts, by hours and days of the station's clock."""
     store = panel.results.store
-    counters = store.counters(selection)
+    counters, groups = counted(store, selection)
     tally = counters.simulated if selection.simulated else counters.production
     charts = chart_histories(newest_measured(store, selection))
     figures = (
-        *_yield_figure(counted_periods(store, selection)),
+        *_yield_figure(counted_periods(groups)),
         *_pareto_figure(
             "causes",
             "Causes",
             "The gravest cause of each part that the station did not pass, or what was found wrong "
             "with a part that is like no texture; overrides change nothing here.",
-            counted_causes(store, selection),
+            counted_causes(groups),
         ),
         *_pareto_figure(
             "defects",

@@ -2,12 +2,12 @@
 
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Select, Text, cast, func, select
+from sqlalchemy import ColumnElement, Connection, Row, Select, Text, case, cast, func, select
 
 from capture.station.domain.verdict import Cause, Decision
 from classify.base.errors import Ps4rigError
@@ -90,10 +90,9 @@ _IS_LAST_OVERRIDE = same_part(_LAST_OVERRIDE, results) & (
 )
 JOINED = results.outerjoin(_LAST_OVERRIDE, _IS_LAST_OVERRIDE)
 """The results, each with its last override."""
-IS_COLLECTED = cast(results.c.causes, Text) == json.dumps([Cause.COLLECTED])
-"""Whether a part was collected to be taught: it was not judged, and has no part in a yield."""
-IN_FORCE = func.coalesce(_LAST_OVERRIDE.c.decision, results.c.decision)
-"""The verdict that holds, in `JOINED`."""
+COLLECTED = json.dumps([Cause.COLLECTED])
+"""The causes of a part that was collected to be taught: it has no share in a yield."""
+_IN_FORCE = func.coalesce(_LAST_OVERRIDE.c.decision, results.c.decision)  # the verdict that holds
 
 
 def entries(
@@ -150,13 +149,19 @@ def _page(
         ) from error
 
 
-def counters(connection: Connection, station: str, selection: Selection) -> Counters:
-    """Count parts and refused triggers; see `ResultStore.counters`."""
+def grouped(
+    connection: Connection, station: str, selection: Selection, *further: ColumnElement[Any]
+) -> Sequence[Row[Any]]:
+    """Count the selected parts by verdicts; with `further` columns also by them and by causes."""
+    causes: ColumnElement[str] = cast(results.c.causes, Text)
+    if not further:  # a short text is compared in less time
+        causes = case((causes == COLLECTED, causes), else_="")
     columns = (
+        *further,
         results.c.simulated,
         results.c.decision,
-        IN_FORCE.label("in_force"),
-        IS_COLLECTED.label("is_collected"),
+        _IN_FORCE.label("in_force"),
+        causes.label("causes"),
     )
     statement = (
         select(*columns, func.count().label("parts"))
@@ -164,15 +169,22 @@ def counters(connection: Connection, station: str, selection: Selection) -> Coun
         .where(*conditions(station, selection))
         .group_by(*columns)
     )
+    return connection.execute(statement).all()
+
+
+def counters_of(
+    connection: Connection, station: str, selection: Selection, groups: Sequence[Row[Any]]
+) -> Counters:
+    """Return the numbers of parts of all groups, and of refused triggers."""
     station_verdicts: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
     verdicts: dict[bool, Counter[Decision]] = {False: Counter(), True: Counter()}
     collected: Counter[bool] = Counter()
-    for row in connection.execute(statement):
-        if row.is_collected:
-            collected[row.simulated] += row.parts
+    for group in groups:
+        if group.causes == COLLECTED:
+            collected[group.simulated] += group.parts
             continue
-        station_verdicts[row.simulated][Decision(row.decision)] += row.parts
-        verdicts[row.simulated][Decision(row.in_force)] += row.parts
+        station_verdicts[group.simulated][Decision(group.decision)] += group.parts
+        verdicts[group.simulated][Decision(group.in_force)] += group.parts
     refused = _refused(connection, station, selection)
     production, simulated = (
         Tally(
@@ -204,7 +216,7 @@ def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[boo
     yield results.c.station == station
     yield from _within(results.c.triggered_utc, selection)
     for column, value in (
-        (IN_FORCE, selection.decision and selection.decision.value),
+        (_IN_FORCE, selection.decision and selection.decision.value),
         (results.c.label, selection.label),
         (results.c.recipe, selection.recipe),
         (results.c.simulated, selection.simulated),

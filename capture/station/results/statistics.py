@@ -5,15 +5,16 @@ Whatever the number of parts, the answers are bounded, and only counts leave the
 
 import json
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime, tzinfo
+from typing import Any
 
-from sqlalchemy import ColumnElement, Integer, Text, cast, func, select
+from sqlalchemy import Integer, Row, cast, func, select
 
 from capture.station.domain.verdict import Cause, Decision
 
-from .history import IN_FORCE, IS_COLLECTED, JOINED, Selection, conditions
+from .history import COLLECTED, JOINED, Counters, Selection, conditions, counters_of, grouped
 from .schema import results
 from .store import ResultStore
 
@@ -70,71 +71,62 @@ class Choices:
     recipes: tuple[str, ...]
 
 
-def counted_periods(
-    store: ResultStore, selection: Selection, zone: tzinfo | None = None
-) -> list[Period]:
-    """Count the selected parts that were judged by period of a zone, the earliest first.
+def counted(store: ResultStore, selection: Selection) -> tuple[Counters, Sequence[Row[Any]]]:
+    """Count the selected parts, also in groups by quarter of an hour, verdicts and causes.
+
+    The groups are few, and the database reads each part once for all figures of them.
+    """
+    utc, hour = results.c.triggered_utc, len("2026-11-22T17")
+    columns = (
+        func.substr(utc, 1, hour).label("hour"),
+        # Zones differ by quarters of an hour.
+        (cast(func.substr(utc, hour + 2, 2), Integer) // 15).label("quarter"),
+    )
+    with store.reading() as connection:
+        groups = grouped(connection, store.station, selection, *columns)
+        return counters_of(connection, store.station, selection, groups), groups
+
+
+def counted_periods(groups: Iterable[Row[Any]], zone: tzinfo | None = None) -> list[Period]:
+    """Count parts that were judged by period of a zone, the earliest first.
 
     None is the zone of this machine.
     """
-    selected = (*conditions(store.station, selection), ~IS_COLLECTED)
-    utc = results.c.triggered_utc
-    span = select(func.min(utc), func.max(utc)).select_from(JOINED).where(*selected)
-    with store.reading() as connection:
-        first_utc, last_utc = connection.execute(span).one()
-        if first_utc is None:
-            return []
-        length = _period_length(first_utc, last_utc)
-        # Zones differ by quarters of an hour.
-        hour = func.substr(utc, 1, len("2026-11-22T17"))
-        quarter = cast(func.substr(utc, len("2026-11-22T17:0"), 2), Integer) // 15
-        columns = hour.label("hour"), quarter.label("quarter"), IN_FORCE.label("decision")
-        counts = (
-            select(*columns, func.count().label("parts"))
-            .select_from(JOINED)
-            .where(*selected)
-            .group_by(*columns)
-        )
-        verdicts: dict[str, Counter[Decision]] = {}
-        for row in connection.execute(counts):
-            moment = datetime.fromisoformat(f"{row.hour}:{15 * row.quarter:02}Z").astimezone(zone)
-            begin = moment.isoformat()[:length]
-            verdicts.setdefault(begin, Counter())[Decision(row.decision)] += row.parts
-    return [Period(name, verdicts[name]) for name in sorted(verdicts)[-MAX_PERIODS:]]
+    verdicts: dict[datetime, Counter[Decision]] = {}
+    for group in groups:
+        if group.causes != COLLECTED:
+            quarter = datetime.fromisoformat(f"{group.hour}:{15 * group.quarter:02}Z")
+            verdicts.setdefault(quarter, Counter())[Decision(group.in_force)] += group.parts
+    if not verdicts:
+        return []
+    days = (max(verdicts) - min(verdicts)).total_seconds() / 86_400.0
+    length = next((length for most, length in _LENGTHS if days <= most), _MONTH)
+    periods: dict[str, Counter[Decision]] = {}
+    for quarter, counts in verdicts.items():
+        periods.setdefault(quarter.astimezone(zone).isoformat()[:length], Counter()).update(counts)
+    return [Period(name, periods[name]) for name in sorted(periods)[-MAX_PERIODS:]]
 
 
-def _period_length(first_utc: str, last_utc: str) -> int:
-    span = datetime.fromisoformat(last_utc) - datetime.fromisoformat(first_utc)
-    days = span.total_seconds() / 86_400.0
-    return next((length for most, length in _LENGTHS if days <= most), _MONTH)
-
-
-def counted_causes(store: ResultStore, selection: Selection) -> list[CauseCount]:
+def counted_causes(groups: Iterable[Row[Any]]) -> list[CauseCount]:
     """Count the station's causes of parts that it did not pass, most frequent first.
 
     They count also where a person changed the verdict. The first cause is the gravest; a part that
     is like no texture counts under its second cause, unless the power of its octaves differs too:
     then it is of another texture.
     """
-    # Combinations of causes are few: the database counts parts of each of them.
-    causes = cast(results.c.causes, Text)
-    statement = (
-        select(causes.label("causes"), func.count().label("parts"))
-        .select_from(JOINED)
-        .where(*conditions(store.station, selection))
-        .where(results.c.decision != Decision.PASS.value, ~IS_COLLECTED)
-        .group_by(causes)
-    )
+    parts: Counter[str] = Counter()
+    for group in groups:
+        if group.decision != Decision.PASS and group.causes != COLLECTED:
+            parts[group.causes] += group.parts
     first: Counter[Cause] = Counter()
     also: Counter[Cause] = Counter()
-    with store.reading() as connection:
-        for row in connection.execute(statement):
-            gravest, *others = map(Cause.named, json.loads(row.causes))
-            if gravest is Cause.NO_TEXTURE and others and Cause.OCTAVES not in others:
-                gravest, *others = *others, gravest
-            first[gravest] += row.parts
-            for cause in others:
-                also[cause] += row.parts
+    for text, count in parts.items():
+        gravest, *others = map(Cause.named, json.loads(text))
+        if gravest is Cause.NO_TEXTURE and others and Cause.OCTAVES not in others:
+            gravest, *others = *others, gravest
+        first[gravest] += count
+        for cause in others:
+            also[cause] += count
     counts = [CauseCount(cause, first[cause], also[cause]) for cause in first.keys() | also.keys()]
     return sorted(counts, key=lambda count: (-count.parts, -count.also, count.cause))
 
@@ -174,16 +166,12 @@ def newest_measured(
 
 def choices(store: ResultStore) -> Choices:
     """Return textures and recipes of all parts, at most `_MAX_CHOICES` of each."""
-    return Choices(_names(store, results.c.label), _names(store, results.c.recipe))
-
-
-def _names(store: ResultStore, column: ColumnElement[str | None]) -> tuple[str, ...]:
-    statement = (
-        select(column)
-        .where(results.c.station == store.station, column.is_not(None))
-        .distinct()
-        .order_by(column)
-        .limit(_MAX_CHOICES)
-    )
+    names = results.c.label, results.c.recipe
+    statement = select(*names).where(results.c.station == store.station).distinct()
     with store.reading() as connection:
-        return tuple(name for name in connection.scalars(statement) if name is not None)
+        columns = list(zip(*connection.execute(statement), strict=True)) or [(), ()]
+    labels, recipes = (
+        tuple(sorted({name for name in column if name is not None})[:_MAX_CHOICES])
+        for column in columns
+    )
+    return Choices(labels, recipes)

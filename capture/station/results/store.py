@@ -24,7 +24,15 @@ from .database import (
     sqlite_engine,
     unavailable_if_failing,
 )
-from .history import EVERY_PART, Counters, HistoryEntry, Selection, counters, entries
+from .history import (
+    EVERY_PART,
+    Counters,
+    HistoryEntry,
+    Selection,
+    counters_of,
+    entries,
+    grouped,
+)
 from .part_id import made_part_id, require_given_part_id, require_new_part_id
 from .part_result import PartResult, result_of, storable
 from .schema import (
@@ -262,7 +270,8 @@ class ResultStore:
     def counters(self, selection: Selection = EVERY_PART) -> Counters:
         """Count the selected parts, those of a simulated rig apart."""
         with self.reading() as connection:
-            return counters(connection, self.station, selection)
+            groups = grouped(connection, self.station, selection)
+            return counters_of(connection, self.station, selection, groups)
 
     def chain_head(self) -> Head:
         """Return the last link of the chain of hashes."""

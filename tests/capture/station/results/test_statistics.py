@@ -1,7 +1,11 @@
 """Figures over many parts, against the same counted one by one."""
 
 from collections import Counter
-from datetime import UTC, timedelta, timezone
+from collections.abc import Sequence
+from datetime import UTC, timedelta, timezone, tzinfo
+from typing import Any
+
+from sqlalchemy import Row
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.history import Selection
@@ -9,7 +13,9 @@ from capture.station.results.part_result import DefectRecord
 from capture.station.results.statistics import (
     MAX_PERIODS,
     Choices,
+    Period,
     choices,
+    counted,
     counted_causes,
     counted_defects,
     counted_periods,
@@ -21,6 +27,14 @@ from .many import fill, many
 from .parts import inspect
 
 PRODUCTION = Selection(simulated=False)
+
+
+def groups_of(store: ResultStore, selection: Selection = PRODUCTION) -> Sequence[Row[Any]]:
+    return counted(store, selection)[1]
+
+
+def periods_of(store: ResultStore, zone: tzinfo, selection: Selection = PRODUCTION) -> list[Period]:
+    return counted_periods(groups_of(store, selection), zone)
 
 
 def test_counts_are_those_of_the_parts_one_by_one(store: ResultStore) -> None:
@@ -36,12 +50,12 @@ def test_counts_are_those_of_the_parts_one_by_one(store: ResultStore) -> None:
     hours = Counter((each.result.triggered_utc[:13], each.decision) for each in entries)
     assert {
         (period.begin, decision): parts
-        for period in counted_periods(store, selected, UTC)
+        for period in periods_of(store, UTC, selected)
         for decision, parts in period.verdicts.items()
     } == hours
     entries = list(store.parts(PRODUCTION))
     causes = [each.result.verdict.causes for each in entries if each.result.verdict.causes]
-    found = counted_causes(store, PRODUCTION)
+    found = counted_causes(groups_of(store))
     assert {each.cause: each.parts for each in found} == {
         cause: sum(each[0] == cause for each in causes) for cause in {c for e in causes for c in e}
     }
@@ -57,9 +71,9 @@ def test_collected_parts_have_no_share_in_yield_and_causes(store: ResultStore) -
     inspect(store, Decision.UNKNOWN, verdict=collected)
     tally = store.counters().production
     assert (tally.parts, tally.collected, tally.verdicts) == (1, 1, {Decision.PASS: 1})
-    [period] = counted_periods(store, PRODUCTION, UTC)
+    [period] = periods_of(store, UTC)
     assert period.verdicts == {Decision.PASS: 1}
-    assert counted_causes(store, PRODUCTION) == []
+    assert counted_causes(groups_of(store)) == []
 
 
 def test_kinds_of_defects_count_apart_from_causes(store: ResultStore) -> None:
@@ -71,7 +85,7 @@ def test_kinds_of_defects_count_apart_from_causes(store: ResultStore) -> None:
     inspect(store, Decision.UNKNOWN)
     foreign = (Cause.NO_TEXTURE, Cause.BLUR, Cause.DEFECT, Cause.OCTAVES)
     inspect(store, Decision.UNKNOWN, verdict=Verdict(Decision.UNKNOWN, "sand", foreign))
-    found = [(each.cause, each.parts, each.also) for each in counted_causes(store, PRODUCTION)]
+    found = [(each.cause, each.parts, each.also) for each in counted_causes(groups_of(store))]
     assert found[:2] == [(Cause.DEFECT, 3, 1), (Cause.NO_TEXTURE, 2, 3)]
     assert found[2:] == [(Cause.BLUR, 0, 1), (Cause.OCTAVES, 0, 1)]
     kinds = [(each.cause, each.parts) for each in counted_defects(store, PRODUCTION)]
@@ -90,9 +104,9 @@ def test_the_charts_are_of_the_last_parts_that_matched_a_texture(store: ResultSt
 def test_periods_are_hours_days_or_months_by_their_span(store: ResultStore) -> None:
     def at(utc: str) -> list[str]:
         inspect(store, triggered_utc=f"{utc}:00.000Z")
-        return [period.begin for period in counted_periods(store, PRODUCTION, UTC)]
+        return [period.begin for period in periods_of(store, UTC)]
 
-    assert counted_periods(store, PRODUCTION, UTC) == []
+    assert periods_of(store, UTC) == []
     assert at("2026-11-22T17:08") == ["2026-11-22T17"]
     assert at("2026-11-23T17:08") == ["2026-11-22T17", "2026-11-23T17"]
     assert at("2026-12-01T00:00") == ["2026-11-22", "2026-11-23", "2026-12-01"]
@@ -102,9 +116,9 @@ def test_periods_are_hours_days_or_months_by_their_span(store: ResultStore) -> N
 def test_periods_are_of_a_zone(store: ResultStore) -> None:
     east = timezone(timedelta(hours=9))
     inspect(store, triggered_utc="2026-11-22T17:08:00.000Z")
-    assert [each.begin for each in counted_periods(store, PRODUCTION, east)] == ["2026-11-23T02"]
+    assert [each.begin for each in periods_of(store, east)] == ["2026-11-23T02"]
     inspect(store, triggered_utc="2026-11-30T17:08:00.000Z")
-    days = counted_periods(store, PRODUCTION, east)
+    days = periods_of(store, east)
     assert [(each.begin, each.parts) for each in days] == [("2026-11-23", 1), ("2026-12-01", 1)]
 
 
@@ -112,7 +126,7 @@ def test_periods_begin_where_those_of_a_zone_with_half_hours_do(store: ResultSto
     kathmandu = timezone(timedelta(hours=5, minutes=45))
     for minute in ("14", "15", "59"):
         inspect(store, triggered_utc=f"2026-11-22T18:{minute}:59.999Z")
-    hours = counted_periods(store, PRODUCTION, kathmandu)
+    hours = periods_of(store, kathmandu)
     assert [(each.begin, each.parts) for each in hours] == [
         ("2026-11-22T23", 1),
         ("2026-11-23T00", 2),
@@ -125,7 +139,7 @@ def test_a_clock_that_jumps_leaves_the_answer_bounded(store: ResultStore) -> Non
         utc = f"{1500 + number:04d}-01-01T00:00:00.000Z"
         object.__setattr__(part, "triggered_utc", utc)
     fill(store, parts)
-    found = counted_periods(store, PRODUCTION, UTC)
+    found = periods_of(store, UTC)
     assert len(found) == MAX_PERIODS
     assert found[-1].begin == "1999-01"
 
