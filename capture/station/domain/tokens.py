@@ -2,6 +2,7 @@
 
 import hashlib
 import secrets
+from collections.abc import Callable
 from pathlib import Path
 
 from pydantic import Field
@@ -51,8 +52,9 @@ class Tokens:
         clients = (client for client in self._file.read().clients if client.sha256 == digest)
         return next(clients, None)
 
-    def add(self, name: str, role: Role) -> str:
-        """Add a client and return its token, which is not stored."""
+    def add(self, name: str, role: Role, record: Callable[[], None] = lambda: None) -> str:
+        """Add a client and return its token, which is not stored; `record` as for `Users.put`."""
+        require_name("client", name)
         token = _PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
         values = {
             "name": name, "role": role, "sha256": _sha256(token), "created_utc": utc_text()
@@ -60,29 +62,25 @@ class Tokens:
         client = validated(values, Client, "client")
         with self._file.changing():
             clients = self.all()
-            require_new_client(name, clients)
+            if any(client.name == name for client in clients):
+                raise Conflict(f"client {name}: there is one already; remove it first")
             if len(clients) >= _MAX_CLIENTS:
                 raise Conflict(f"client {name}: there are {_MAX_CLIENTS} clients already")
+            record()
             self._file.write(_File(clients=(*clients, client)))
         return token
 
-    def remove(self, name: str) -> Client:
-        """Remove a client and return it; its token is invalid at once."""
+    def remove(self, name: str, record: Callable[[Client], None] = lambda _: None) -> None:
+        """Remove a client, whose token is invalid at once; `record` as for `Users.put`."""
         with self._file.changing():
             clients = self.all()
-            removed = [client for client in clients if client.name == name]
-            if not removed:
-                raise NotThere(f"client {name}: no such client; see ps4rig station token list")
             others = tuple(client for client in clients if client.name != name)
+            removed = next((client for client in clients if client.name == name), None)
+            if removed is None:
+                text = f"client {name[:100]}: no such client; see ps4rig station token list"
+                raise NotThere(text)
+            record(removed)
             self._file.write(_File(clients=others))
-        return removed[0]
-
-
-def require_new_client(name: str, clients: tuple[Client, ...]) -> None:
-    """Check the name of a new client."""
-    require_name("client", name)
-    if any(client.name == name for client in clients):
-        raise Conflict(f"client {name}: there is one already; remove it first")
 
 
 def _sha256(token: str) -> str:

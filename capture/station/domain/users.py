@@ -4,6 +4,7 @@ import re
 import secrets
 import threading
 import unicodedata
+from collections.abc import Callable
 from pathlib import Path
 
 from argon2 import PasswordHasher
@@ -67,10 +68,18 @@ class Users:
         """Return the user of a name."""
         return next((user for user in self.all() if user.name == name), None)
 
-    def put(self, name: str, role: Role, password: str, seen: User | None = None) -> User | None:
-        """Add a user, or give one another role and password; return the previous user, if any.
+    def put(
+        self,
+        name: str,
+        role: Role,
+        password: str,
+        seen: User | None = None,
+        record: Callable[[User | None], None] = lambda _: None,
+    ) -> None:
+        """Add a user, or give one another role and password.
 
-        The user must still equal `seen`, unless that is None.
+        The user must still equal `seen`, unless that is None. `record` is called with the previous
+        user before anything is written, and may raise to prevent that.
         """
         user = User(name=name, role=role, password=self._hash(require_account(name, password)))
         with self._file.changing():
@@ -80,18 +89,18 @@ class Users:
             if len(others) >= _MAX_USERS:
                 raise Conflict(f"user {name}: there are {_MAX_USERS} users already")
             _require_administrator((*others, user), before)
+            record(before)
             self._file.write(_File(users=(*others, user)))
-        return before
 
-    def remove(self, name: str) -> User:
-        """Remove a user and end the user's sessions; return the user."""
+    def remove(self, name: str, record: Callable[[User], None] = lambda _: None) -> None:
+        """Remove a user and end the user's sessions; `record` as for `put`."""
         with self._file.changing():
             user, others = self._apart(name)
             if user is None:
-                raise NotThere(f"user {name}: no such user; see ps4rig station user list")
+                raise NotThere(f"user {name[:100]}: no such user; see ps4rig station user list")
             _require_administrator(others, user)
+            record(user)
             self._file.write(_File(users=others))
-        return user
 
     def verified(self, name: str, password: str) -> User | None:
         """Return the user with this name and password, or None; both take the same time."""

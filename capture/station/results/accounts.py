@@ -4,11 +4,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from capture.station.domain.errors import Conflict, NotThere
+from capture.station.domain.errors import Conflict
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.roles import Identity, Role
-from capture.station.domain.tokens import Tokens, require_new_client
-from capture.station.domain.users import KIOSK, User, Users, require_account
+from capture.station.domain.tokens import Tokens
+from capture.station.domain.users import KIOSK, User, Users
 
 from .audit import ChangeLog, changing_on_the_terminal
 
@@ -34,34 +34,30 @@ class Accounts:
         self._put(KIOSK, Role.OPERATOR, pin)
 
     def _put(self, name: str, role: Role, password: str, seen: User | None = None) -> None:
-        require_account(name, password)
-        before = self.users.get(name)
-        old_role = None if before is None else before.role
-        self.changes.record(self.who, f"user {name}", old_role, f"{role}, new password")
-        self.users.put(name, role, password, seen)
+        def record(before: User | None) -> None:
+            old_role = None if before is None else before.role
+            self.changes.record(self.who, f"user {name}", old_role, f"{role}, new password")
+
+        self.users.put(name, role, password, seen, record)
 
     def remove_user(self, name: str) -> None:
         """Remove a user; see `Users.remove`."""
-        user = self.users.get(name)
-        if user is None:
-            raise NotThere(f"user {name[:100]}: no such user")
-        self.changes.record(self.who, f"user {name}", user.role)
-        self.users.remove(name)
+        self.users.remove(
+            name, lambda user: self.changes.record(self.who, f"user {name}", user.role)
+        )
 
     def add_client(self, name: str, role: Role) -> str:
         """Add a client and return its token; see `Tokens.add`."""
-        require_new_client(name, self.tokens.all())
         _require_free("client", name)
-        self.changes.record(self.who, f"client {name}", None, role)
-        return self.tokens.add(name, role)
+        return self.tokens.add(
+            name, role, lambda: self.changes.record(self.who, f"client {name}", None, role)
+        )
 
     def remove_client(self, name: str) -> None:
         """Remove a client; see `Tokens.remove`."""
-        roles = [client.role for client in self.tokens.all() if client.name == name]
-        if not roles:
-            raise NotThere(f"client {name[:100]}: no such client")
-        self.changes.record(self.who, f"client {name}", roles[0])
-        self.tokens.remove(name)
+        self.tokens.remove(
+            name, lambda client: self.changes.record(self.who, f"client {name}", client.role)
+        )
 
 
 def _require_free(kind: str, name: str) -> None:

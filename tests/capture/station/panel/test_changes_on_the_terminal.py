@@ -192,3 +192,16 @@ def test_no_change_is_made_when_the_results_cannot_be_written(
     assert not (station / "station.log").exists()
     with pytest.raises(ResultsUnavailable):
         refused_log(station).record(ADA, "user kim", None, "operator")
+
+
+def test_a_change_of_an_account_that_is_refused_has_no_row(station: Path, ps4rig: Ps4rig) -> None:
+    def add(name: str, role: str) -> Any:
+        return ps4rig("station", "user", "add", station, name, "--role", role, typed="a password\n")
+
+    assert add("ada", "administrator").exit_code == 0
+    assert add("kim", "operator").exit_code == 0
+    known = whats(station)
+    for refused in (add("ada", "operator"), ps4rig("station", "user", "remove", station, "ada")):
+        assert refused.exit_code == 2
+        assert "is the last administrator" in refused.stderr
+    assert whats(station) == known
