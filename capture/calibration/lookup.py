@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Self
 
 from capture.base.errors import CalibrationError
 from classify.base.durable_file import make_folder
@@ -24,7 +25,12 @@ class FoundCalibration:
 
     path: Path
     file: CalibrationFile
-    warnings: tuple[str, ...]
+    warnings: tuple[str, ...] = ()
+
+    @classmethod
+    def of_rig(cls, path: str | Path | None) -> Self | None:
+        """Read the calibration that a rig names; None for a rig without one."""
+        return None if path is None else cls(Path(path), read_calibration(Path(path)))
 
 
 def find_calibration(

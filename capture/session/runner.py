@@ -11,7 +11,7 @@ from pathlib import Path
 from capture.acquisition.attempts import capture_set
 from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
-from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
+from capture.calibration.lookup import FoundCalibration, keep_beside
 from capture.sets.captured_set import CapturedSet, LoadedSet, calibration_of
 from capture.sets.description import described
 from classify.base.errors import InputError, Ps4rigError
@@ -118,10 +118,7 @@ class _Runner:
         self._rig: Rig | None = None
         self._reference: tuple[Path, SpecimenReference] | None = None
         self._exposures_ms: dict[str, float] = {}
-        self._calibration: FoundCalibration | None = None
-        if config.calibration is not None:
-            path = Path(config.calibration)
-            self._calibration = FoundCalibration(path, read_calibration(path), ())
+        self._calibration = FoundCalibration.of_rig(config.calibration)
         self.captured = 0
 
     def __enter__(self) -> "_Runner":

@@ -108,8 +108,7 @@ def _presented(
     from capture.station.judge.inspector import Inspector
 
     rig_config = station.rig_config()
-    calibration = rig_config.calibration
-    inspector = Inspector.load(files, None if calibration is None else Path(calibration))
+    inspector = Inspector.load(files, rig_config.calibration)
     camera = rig_config.camera
     shown = known_parts(
         station.config.simulated_parts, count, min(camera.width_px, camera.height_px)

@@ -8,7 +8,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Self
 
-from capture.calibration.ps4cal import CalibrationFile
+from capture.calibration.lookup import FoundCalibration
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.taught import Taught
 from classify.base.models import Record
@@ -57,7 +57,7 @@ class Fingerprint(Record):
     software_sha256: str
 
     @classmethod
-    def of(cls, recipe: Recipe, taught: Taught, calibration: CalibrationFile | None) -> Self:
+    def of(cls, recipe: Recipe, taught: Taught, calibration: FoundCalibration | None) -> Self:
         """Return the hashes of a recipe, of what was taught for it, and of a calibration."""
         textures = [taught.textures[name] for name in recipe.passes]
         return cls(
@@ -65,7 +65,7 @@ class Fingerprint(Record):
             library_sha256=taught.library_sha256,
             defects_sha256=tuple(texture.defects_sha256 or "" for texture in textures),
             pieces_sha256=tuple(texture.pieces_sha256 or "" for texture in textures),
-            calibration_sha256=None if calibration is None else calibration.hash,
+            calibration_sha256=None if calibration is None else calibration.file.hash,
             software_version=version("ps4rig"),
             software_sha256=software_sha256(),
         )

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.acquisition.light_checks import share_while_off
-from capture.calibration.lookup import FoundCalibration, read_calibration
+from capture.calibration.lookup import FoundCalibration
 from capture.calibration.setting import PartName, Setting
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.limits import LimitedMeasures, Limits
@@ -130,17 +130,15 @@ class Inspector:
         self._signals = {
             texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
         }
-        self.fingerprint = Fingerprint.of(
-            recipe, taught, None if calibration is None else calibration.file
-        )
+        self.fingerprint = Fingerprint.of(recipe, taught, calibration)
 
     @classmethod
-    def load(cls, files: RecipeFolder, calibration: Path | None = None) -> Self:
+    def load(cls, files: RecipeFolder, calibration: str | Path | None = None) -> Self:
         """Load a recipe with all that teaching made for it, and the calibration of the rig."""
         return cls.of(read_recipe(files.file), files, calibration)
 
     @classmethod
-    def of(cls, recipe: Recipe, files: RecipeFolder, calibration: Path | None = None) -> Self:
+    def of(cls, recipe: Recipe, files: RecipeFolder, calibration: str | Path | None = None) -> Self:
         """Load what teaching made for a recipe that was read."""
         taught_files = files.version(recipe.version)
         taught = taught_for(recipe, files)
@@ -150,10 +148,7 @@ class Inspector:
         check_unchanged(
             recipe, taught_files.library, file_sha256(taught_files.library), taught.library_sha256
         )
-        known = None
-        if calibration is not None:
-            known = FoundCalibration(calibration, read_calibration(calibration), ())
-        return cls(recipe, taught, library, models, known)
+        return cls(recipe, taught, library, models, FoundCalibration.of_rig(calibration))
 
     def with_calibration(self, calibration: FoundCalibration | None) -> "Inspector":
         """Return an inspector of the same recipe for sets of another calibration."""

@@ -42,10 +42,9 @@ class RecipeChanges:
     files: RecipeFolder
 
     @property
-    def calibration(self) -> Path | None:
+    def calibration(self) -> str | None:
         """Calibration of the rig; None for a rig without one."""
-        calibration = self.folder.rig_config().calibration
-        return None if calibration is None else Path(calibration)
+        return self.folder.rig_config().calibration
 
     @property
     def state(self) -> RecipeState:

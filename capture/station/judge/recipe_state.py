@@ -1,10 +1,9 @@
 """`RecipeState`: why a recipe cannot run, found without loading library and models."""
 
 from dataclasses import dataclass
-from pathlib import Path
 
 from capture.base.utc_time import local_time
-from capture.calibration.lookup import read_calibration
+from capture.calibration.lookup import FoundCalibration
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
@@ -36,17 +35,17 @@ class RecipeState:
         return f"approved by {approval.by}, {local_time(approval.utc)}"
 
 
-def state_of(files: RecipeFolder, calibration: Path | None) -> RecipeState:
+def state_of(files: RecipeFolder, calibration: str | None) -> RecipeState:
     """Return the state of a recipe."""
     recipe, replay = read_recipe(files.file), last_replay(files)
     try:
         taught = taught_for(recipe, files)
-        file = None if calibration is None else read_calibration(calibration)
+        found = FoundCalibration.of_rig(calibration)
     except InputError as error:
         return RecipeState(recipe, str(error), "not replayed", False, replay)
     try:
         parts = len(read_challenge(files.challenge).sets)
-        valid = valid_replay(files, Fingerprint.of(recipe, taught, file))
+        valid = valid_replay(files, Fingerprint.of(recipe, taught, found))
     except InputError as error:
         return RecipeState(recipe, None, str(error), False, replay)
     if valid is None:

@@ -163,7 +163,7 @@ def grouped(
         _IN_FORCE.label("in_force"),
         causes.label("causes"),
     )
-    statement = (
+    statement: Select[Any] = (
         select(*columns, func.count().label("parts"))
         .select_from(JOINED)
         .where(*conditions(station, selection))

@@ -6,7 +6,6 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from capture.base.utc_time import local_time
-from capture.calibration.lookup import read_calibration
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.own_folder import SECRETS, too_open
@@ -74,8 +73,7 @@ def _check_permissions(folder: Path) -> Iterator[Check]:
 
 def _check_recipe(station: StationFolder) -> Iterator[Check]:
     files = station.recipe_files(first_recipe(station))
-    path = station.rig_config().calibration
-    inspector = Inspector.load(files, None if path is None else Path(path))
+    inspector = Inspector.load(files, station.rig_config().calibration)
     recipe = inspector.recipe
     text = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"
     yield Check("recipe", "ok", f"{text}; fails {', '.join(recipe.fails) or 'no known texture'}")
@@ -87,8 +85,7 @@ def _check_recipe(station: StationFolder) -> Iterator[Check]:
         status: Status = "warning" if approved_states(files) else "fault"
         yield Check("approval", status, f"the recipe {state}", "run ps4rig station approve")
     yield from collected("challenge", lambda: _check_challenge(files, inspector))
-    file = None if path is None else read_calibration(Path(path))
-    yield from check_calibration_age(file, recipe.calibration)
+    yield from check_calibration_age(inspector.calibration, recipe.calibration)
 
 
 def _check_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 from capture.station.domain.folder import StationFolder
 from capture.station.judge.inspector import COLLECTS
@@ -42,8 +41,8 @@ def run_station(
 ) -> StationStopped:
     """Run a station until its triggers end; Ctrl-C is raised after the parts in progress."""
     config, clock = folder.config, StationClock()
-    path = None if rig_config.calibration is None else Path(rig_config.calibration)
-    loader = RecipeLoader(folder, path, options.operator or config.operator, clock)
+    operator = options.operator or config.operator
+    loader = RecipeLoader(folder, rig_config.calibration, operator, clock)
 
     def warn(text: str) -> None:
         live.publish(Warned(text))

@@ -3,10 +3,9 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 from typing import Any
 
-from capture.calibration.lookup import FoundCalibration, keep_beside, read_calibration
+from capture.calibration.lookup import FoundCalibration, keep_beside
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.errors import ChallengeFailed, NotApproved, error_text
 from capture.station.domain.folder import FILE, StationFolder, first_recipe, keep_recipe
@@ -62,7 +61,7 @@ class RecipeLoader:
     def __init__(
         self,
         folder: StationFolder,
-        calibration: Path | None,
+        calibration: str | None,
         operator: str | None,
         clock: StationClock,
     ) -> None:
@@ -119,12 +118,7 @@ class RecipeLoader:
         files = self._folder.recipe_files(first_recipe(self._folder))
         is_there = files.file.exists()
         recipe = read_recipe(files.file) if is_there else Recipe(name=files.name, passes=())
-        calibration = None
-        if self._calibration is not None:
-            calibration = FoundCalibration(
-                self._calibration, read_calibration(self._calibration), ()
-            )
-        collector = Collector(recipe, calibration)
+        collector = Collector(recipe, FoundCalibration.of_rig(self._calibration))
         return UsableRecipe(self._judge(collector, {}), collector)
 
     def _judge(self, inspector: Inspector | Collector, fields: dict[str, Any]) -> PartJudge:
@@ -201,9 +195,8 @@ class RunRecipes:
         return self._checks_of(self.present)
 
     def _checks_of(self, recipe: UsableRecipe) -> list[Check]:
-        found = recipe.inspector.calibration
-        file = None if found is None else found.file
-        return list(check_calibration_age(file, recipe.recipe.calibration))
+        inspector = recipe.inspector
+        return list(check_calibration_age(inspector.calibration, inspector.recipe.calibration))
 
     def _record(self, recipe: UsableRecipe, by: Asker) -> None:
         before, after = _named(self.present.recipe), _named(recipe.recipe)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from capture.acquisition.attempts import MAX_ATTEMPTS
 from capture.base.utc_time import local_time, utc_text
+from capture.calibration.lookup import FoundCalibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.rig_check import checks_of_drift, drift_of_rig
 from capture.station.domain.fault import Fault
@@ -125,16 +126,16 @@ def check_results(store: ResultStore) -> Iterator[Check]:
     yield Check("clock", "ok", f"after the last result, of {last_at}")
 
 
-def check_calibration_age(file: CalibrationFile | None, rule: CalibrationRule) -> Iterator[Check]:
+def check_calibration_age(found: FoundCalibration | None, rule: CalibrationRule) -> Iterator[Check]:
     """Check the ages of the calibration, and that there is one where the recipe requires it."""
     name = "calibration"
-    if file is None:
+    if found is None:
         if rule.required:
             advice = "set calibration = 'NAME.ps4cal' in rig.toml; ps4rig calibrate makes one"
             yield Check(name, "fault", "the recipe requires one, the rig names none", advice)
         return
     now = datetime.now(UTC)
-    ages_days = {part: record.age_days(now) for part, record in file.records.items()}
+    ages_days = {part: record.age_days(now) for part, record in found.file.records.items()}
     for part, age_days in ages_days.items():
         fault = rule.age_fault(age_days)
         if fault is not None:

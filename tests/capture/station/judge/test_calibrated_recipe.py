@@ -8,7 +8,7 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from capture.base.utc_time import utc_text
-from capture.calibration.lookup import read_calibration
+from capture.calibration.lookup import FoundCalibration, read_calibration
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from capture.station.domain.recipe import Recipe, Region
@@ -95,7 +95,7 @@ def test_a_calibrated_recipe_judges_its_region(tmp_path: Path) -> None:
     assert "flat field was measured after the part" in too_new.reason
     # The self-test finds both before the first part.
     (old_check,), (ahead_check,), (known_check,) = (
-        [*check_calibration_age(read_calibration(each), recipe.calibration)]
+        [*check_calibration_age(FoundCalibration.of_rig(each), recipe.calibration)]
         for each in (old, ahead, calibration)
     )
     assert old_check.status == ahead_check.status == "fault"
