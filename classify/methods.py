@@ -1,16 +1,52 @@
-"""Names of solvers, classifiers and texture classes, in a file that loads no numerics."""
+"""The tables of solvers and classifiers, and names of classes, in a file that loads no numerics.
+
+A solver or a classifier is a file in its folder and a row here.
+"""
 
 import unicodedata
-from typing import Literal, get_args
+from math import inf
+from typing import TYPE_CHECKING, Literal, NamedTuple, TypeAlias
 
 from classify.base.errors import InputError
 
-Method = Literal[
-    "ps3a", "ps3b", "ps3c", "ps3d", "ps4", "least_squares", "rushmeier", "drbohlav", "ps4_robust"
-]
-METHODS: tuple[Method, ...] = get_args(Method)
 
-_MIN_LIGHTS: dict[Method, int] = {"least_squares": 3, "drbohlav": 4, "rushmeier": 5}
+class SolverRow(NamedTuple):
+    """A solver: its module and function in ``classify.solvers``, and its numbers of lights."""
+
+    function: str
+    least_lights: float = 4
+    most_lights: float = 4
+
+
+SOLVERS = {
+    "ps3a": SolverRow("linear:solve_ps3a"),
+    "ps3b": SolverRow("linear:solve_ps3b"),
+    "ps3c": SolverRow("linear:solve_ps3c"),
+    "ps3d": SolverRow("linear:solve_ps3d"),
+    "ps4": SolverRow("ps4:solve_ps4"),
+    "least_squares": SolverRow("linear:solve_least_squares", 3, inf),
+    "rushmeier": SolverRow("rushmeier:solve_rushmeier", 5, inf),
+    "drbohlav": SolverRow("drbohlav:solve_drbohlav", 4, inf),
+    "ps4_robust": SolverRow("robust:solve_ps4_robust"),
+}
+CLASSIFIERS = {
+    "joint": "joint:JOINT",
+    "spectra_2d": "thesis:SPECTRA_2D",
+    "spectra_2d_power": "thesis:SPECTRA_2D_POWER",
+    "polar_radial": "thesis:POLAR_RADIAL",
+    "polar": "thesis:POLAR",
+    "image_polar": "thesis:IMAGE_POLAR",
+    "varma_zisserman": "varma_zisserman:VARMA_ZISSERMAN",
+}
+"""Module in ``classify.classifiers`` and object of each."""
+
+METHODS, CLASSIFIER_NAMES = tuple(SOLVERS), tuple(CLASSIFIERS)
+DEFAULT_CLASSIFIER = "joint"
+if TYPE_CHECKING:  # a type checker cannot read the tables
+    Method: TypeAlias = str
+    ClassifierName: TypeAlias = str
+else:
+    Method, ClassifierName = Literal[*METHODS], Literal[*CLASSIFIER_NAMES]
 
 
 def default_method(lights: int) -> Method:
@@ -19,16 +55,9 @@ def default_method(lights: int) -> Method:
 
 
 def suits(method: Method, lights: int) -> bool:
-    """Whether a solver takes that many lights; one not in the table takes four."""
-    return lights >= _MIN_LIGHTS[method] if method in _MIN_LIGHTS else lights == 4
-
-
-ClassifierName = Literal[
-    "joint", "spectra_2d", "spectra_2d_power", "polar_radial", "polar", "image_polar",
-    "varma_zisserman",
-]  # fmt: skip
-CLASSIFIER_NAMES: tuple[ClassifierName, ...] = get_args(ClassifierName)
-DEFAULT_CLASSIFIER: ClassifierName = "joint"
+    """Whether a solver takes that many lights."""
+    row = SOLVERS[method]
+    return row.least_lights <= lights <= row.most_lights
 
 
 def checked_label(label: str) -> str:

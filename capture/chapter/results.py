@@ -18,6 +18,7 @@ from capture.batch.runner import Batch
 from classify import Lighting, Method, SurfaceEstimate, TextureLibrary, Trial, integrate_gradients
 from classify.base.arrays import FloatMap
 from classify.library.evaluation import nearest_accuracy
+from classify.methods import CLASSIFIER_NAMES
 from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.spectra import field_spectra, segment_for
 from rig import SYNTHETIC_TEXTURES
@@ -221,7 +222,7 @@ SOLVER_TITLES = {
     "ps4_robust": "robust PS4",
     "truth": "truth",
 }
-CLASSIFIER_TITLES = {
+CLASSIFIER_TITLES = {name: name for name in CLASSIFIER_NAMES} | {
     "joint": "joint (ours)",
     "spectra_2d": "2D spectra, magnitude",
     "spectra_2d_power": "2D spectra, power",

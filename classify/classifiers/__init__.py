@@ -4,28 +4,15 @@
 comparison.
 """
 
+from pkgutil import resolve_name
 from typing import Any
 
 from classify.base.errors import InputError
+from classify.methods import CLASSIFIERS
 
 from .classifier import Classifier, Comparison, Observation, Parameters
-from .joint import JOINT
-from .thesis import IMAGE_POLAR, POLAR, POLAR_RADIAL, SPECTRA_2D, SPECTRA_2D_POWER
-from .varma_zisserman import VARMA_ZISSERMAN
 
-__all__ = [
-    "CLASSIFIERS",
-    "Classifier",
-    "Comparison",
-    "Observation",
-    "Parameters",
-    "classifier_named",
-]
-
-_ALL: tuple[Classifier[Any, Any], ...] = (
-    JOINT, SPECTRA_2D, SPECTRA_2D_POWER, POLAR_RADIAL, POLAR, IMAGE_POLAR, VARMA_ZISSERMAN
-)  # fmt: skip
-CLASSIFIERS = {classifier.name: classifier for classifier in _ALL}
+__all__ = ["Classifier", "Comparison", "Observation", "Parameters", "classifier_named"]
 
 
 def classifier_named(name: str) -> Classifier[Any, Any]:
@@ -34,4 +21,5 @@ def classifier_named(name: str) -> Classifier[Any, Any]:
         raise InputError(
             f"no classifier is called {name!r}; choose one of {', '.join(CLASSIFIERS)}"
         )
-    return CLASSIFIERS[name]
+    classifier: Classifier[Any, Any] = resolve_name(f"{__name__}.{CLASSIFIERS[name]}")
+    return classifier

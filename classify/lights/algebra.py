@@ -60,11 +60,6 @@ def require_solvable(lighting: Lighting) -> None:
 @lru_cache(maxsize=16)
 def least_squares_weights(lighting: Lighting, method: str) -> FloatMap:
     """(3, N) weights with b = weights i from all lights."""
-    count = len(lighting)
-    if method == "drbohlav" and count < 4:
-        raise InputError(
-            f"method drbohlav compares at least 4 lights, this set has {count}; use least_squares"
-        )
     return _pseudo_inverse(lighting.directions, method)
 
 

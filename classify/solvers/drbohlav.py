@@ -4,6 +4,7 @@ import numpy as np
 
 from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
+from classify.base.errors import InputError
 from classify.images import BEYOND_NOISE, ImageStack, chi_squared
 from classify.lights.algebra import least_squares_weights
 from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT, SHADOW_FRACTION
@@ -21,8 +22,13 @@ def solve_drbohlav(problem: Problem) -> Maps:
     linearly dependent, l_k = sum c_j l_j, and so are the values of a Lambertian pixel without
     shadow or highlight.
     """
+    count = len(problem.lighting)
+    if count < 4:
+        raise InputError(
+            f"method drbohlav compares at least 4 lights, this set has {count}; use least_squares"
+        )
     weights = least_squares_weights(problem.lighting, "drbohlav")
-    least_bz, limits = slope_noise(weights), residual_limits(len(problem.lighting))
+    least_bz, limits = slope_noise(weights), residual_limits(count)
     fours = by_fours(problem)
     dropped, highlights = np.empty(problem.shape, np.uint8), np.empty(problem.shape, np.bool_)
     maps = problem.new_maps(left_out=dropped, highlights=highlights)

@@ -4,6 +4,8 @@ A kernel goes from raw images to gradients, albedo and validity row by row, whil
 cache. A row is solved in several short loops without branches, which the compiler vectorises.
 """
 
+from functools import partial
+
 import numpy as np
 
 from classify.base.arrays import Array
@@ -32,9 +34,15 @@ def solve_least_squares(problem: Problem) -> Maps:
     return _solve(problem, weights, NO_DROPPED_LIGHT)
 
 
-def solve_three_of_ring(problem: Problem, method: str) -> Maps:
+def _solve_three_of_ring(problem: Problem, method: str) -> Maps:
     """One version of PS3: the same three lights of a ring of four at every pixel."""
     return _solve(problem, *three_of_ring(problem.lighting, method))
+
+
+solve_ps3a = partial(_solve_three_of_ring, method="ps3a")
+solve_ps3b = partial(_solve_three_of_ring, method="ps3b")
+solve_ps3c = partial(_solve_three_of_ring, method="ps3c")
+solve_ps3d = partial(_solve_three_of_ring, method="ps3d")
 
 
 def _solve(problem: Problem, weights: Array, unused: int) -> Maps:

@@ -1,8 +1,8 @@
 """`photometric_stereo`: images under known lights to a `SurfaceEstimate`."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from pkgutil import resolve_name
 
 import numpy as np
 
@@ -13,33 +13,15 @@ from classify.lighting import Lighting
 from classify.lights.fall_off import fall_off
 from classify.lights.flat_field import DividedStack, FlatField
 from classify.lights.near_light import sheet_of
-from classify.methods import METHODS, Method, default_method
+from classify.methods import SOLVERS, Method, default_method
 from classify.surface.estimate import SurfaceEstimate
 from classify.surface.uncertainty import with_deviations
 
-from .drbohlav import solve_drbohlav
-from .linear import solve_least_squares, solve_three_of_ring
 from .problem import Maps, Problem
-from .ps4 import solve_ps4
-from .robust import solve_ps4_robust
-from .rushmeier import solve_rushmeier
 
 # Images are divided by their full scale and intensity; beyond these limits squares of the results
 # are out of reach of float32.
 _SMALLEST_DIVISOR, _LARGEST_DIVISOR = 1e-6, 1e12
-
-
-_SOLVERS: Mapping[Method, Callable[[Problem], Maps]] = {
-    "ps3a": partial(solve_three_of_ring, method="ps3a"),
-    "ps3b": partial(solve_three_of_ring, method="ps3b"),
-    "ps3c": partial(solve_three_of_ring, method="ps3c"),
-    "ps3d": partial(solve_three_of_ring, method="ps3d"),
-    "ps4": solve_ps4,
-    "least_squares": solve_least_squares,
-    "rushmeier": solve_rushmeier,
-    "drbohlav": solve_drbohlav,
-    "ps4_robust": solve_ps4_robust,
-}
 
 
 def photometric_stereo(
@@ -125,8 +107,8 @@ def photometric_stereo(
     (0.2, -0.1)
     """
     chosen = method or default_method(len(lighting))
-    if chosen not in _SOLVERS:
-        raise InputError(f"unknown method {chosen!r}; choose one of {', '.join(METHODS)}")
+    if chosen not in SOLVERS:
+        raise InputError(f"unknown method {chosen!r}; choose one of {', '.join(SOLVERS)}")
     stack = ImageStack.checked(images, len(lighting), ambient)
     if full_scale is not None and not 0.0 < full_scale < np.inf:
         raise InputError(f"full_scale is {full_scale}; it must be a positive pixel value")
@@ -163,7 +145,7 @@ def photometric_stereo(
         # What remains of the levels of the LEDs is not estimated again.
         used = replace(used, intensities=used.intensities)
     problem = Problem(stack, used, full_scale, noise, saturation, on_progress)
-    maps = _SOLVERS[chosen](problem)
+    maps: Maps = resolve_name(f"{__package__}.{SOLVERS[chosen].function}")(problem)
     surface = SurfaceEstimate(
         p=maps.p,
         q=maps.q,

@@ -17,13 +17,13 @@ import numpy as np
 
 from capture.chapter.plan import Conditions, PatchPosition, Texture, material_textures
 from capture.chapter.runs import CachedPatch
-from classify.classifiers import CLASSIFIERS, joint, joint_features, joint_learning
+from classify.classifiers import classifier_named, joint, joint_features, joint_learning
 from classify.texture.uniformity import uniformity_of
 from rig import SYNTHETIC_30
 
 from .limits import at_least
 
-JOINT = CLASSIFIERS["joint"]
+JOINT = classifier_named("joint")
 ORIENTATIONS_DEG = (23.0, 101.0)
 SIZES_PX = (256, 128)
 ROW = "{:.1f} | {:.2f} | {:.2f}"

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from classify import InputError, Lighting, TextureLibrary, photometric_stereo
-from classify.classifiers import CLASSIFIERS, joint_features
+from classify.classifiers import classifier_named, joint_features
 from classify.classifiers.joint_features import CONTRAST_GAINS, spectral_series
 from classify.library.training import observe
 from tests.angles import off_deg
 
-JOINT = CLASSIFIERS["joint"]
+JOINT = classifier_named("joint")
 KINDS = ("sand", "fine sand", "brushed", "malv", "rough", "dyed", "domes", "pits")
 DIRECTED = ("sand", "fine sand", "brushed")
 ORIENTATIONS_DEG = (23.7, 58.0, 101.3, 142.0)
@@ -178,7 +178,7 @@ def test_textures_whose_quarters_differ_in_contrast_have_smaller_gains(stationar
         p[:half] *= scale
         q[:half] *= scale
         trained = observe(replace(surface, p=p, q=q), 64)
-        return CLASSIFIERS["joint"].learn([trained] * 20, ["dyed"] * 20)[CONTRAST_GAINS]
+        return JOINT.learn([trained] * 20, ["dyed"] * 20)[CONTRAST_GAINS]
 
     even, uneven = gains(1.0), gains(0.5)
     assert uneven[0] < 0.8 * even[0]

@@ -8,14 +8,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting, SurfaceEstimate
-from classify.classifiers import CLASSIFIERS
+from classify.classifiers import classifier_named
 from classify.classifiers.thesis import PolarSpectra, first_light
 from classify.texture.orientation import roll_angles
 from classify.texture.spectra import ANGLES, RADII
 from tests.angles import off_deg
 
 POLAR, POLAR_RADIAL, IMAGE_POLAR, SPECTRA_2D, SPECTRA_2D_POWER = (
-    CLASSIFIERS[name]
+    classifier_named(name)
     for name in ("polar", "polar_radial", "image_polar", "spectra_2d", "spectra_2d_power")
 )
 OF_SURFACES = [POLAR, POLAR_RADIAL]

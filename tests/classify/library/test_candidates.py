@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from classify import Match, TextureLibrary
-from classify.classifiers import CLASSIFIERS, Comparison
+from classify.classifiers import Comparison, classifier_named
 from classify.library.match import FIRST, MOST, match_of, nearest_references
 from classify.texture.heading import HEADING_FLOATS
 from classify.texture.orientation import HARMONICS
@@ -144,7 +144,7 @@ def test_a_reference_with_a_bound_of_nan_is_compared() -> None:
     assert found.distances.min() == expected.distance
 
 
-JOINT = CLASSIFIERS["joint"]
+JOINT = classifier_named("joint")
 MAPS = 3 * RADII
 
 
