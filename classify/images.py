@@ -226,11 +226,8 @@ def noise_of_sensor(sensor: SensorNoise, ambient: Array | None, gains: FloatMap)
 
 
 def noise_of_images(stack: ImageStack, gains: FloatMap, lighting: Lighting) -> float:
-    """Standard deviation of a pixel, in units of images times gains.
-
-    N lights leave N - 3 combinations in which a Lambertian surface cancels out; shadow, gloss and
-    unequal LEDs only increase their residual, so the smallest of several estimates, for groups of
-    pixels of similar brightness, is taken. Of three lights only the rounding is known.
+    """Standard deviation of a pixel times gains: the smallest residual of the N - 3 combinations
+    that a Lambertian surface cancels; of three lights only the rounding.
     """
     rounding = 0.0
     if stack.images.dtype.kind != "f":

@@ -131,9 +131,8 @@ class Board(Protocol):
         """Largest share of the time that an LED may be on in the long run, 1 to 99 percent."""
 
     def strobe_edges(self) -> list[tuple[int, bool]]:
-        """Edges of the strobe since the last call: `micros`, and whether the camera exposes then.
-
-        At most `firmware.STROBE_BUFFER_EDGES` edges are kept and later ones are dropped.
+        """Edges of the strobe since the last call, `micros` and whether the camera exposes then,
+        `firmware.STROBE_BUFFER_EDGES` at most.
         """
 
     def part_edges(self) -> list[int]:
@@ -144,10 +143,8 @@ class Board(Protocol):
 
 
 class SimulatedBoard:
-    """A board with LEDs that rise and fall over time; thread-safe.
-
-    The firmware enforces the limits of each LED. Their defaults allow 1024 frames under one LED at
-    9 frames per second, and any order of four LEDs.
+    """A thread-safe board with LEDs that rise and fall; limits of LEDs, by default for 1024 frames
+    at 9 per second, are the firmware's.
     """
 
     def __init__(

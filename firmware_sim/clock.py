@@ -101,10 +101,8 @@ class RealClock:
 
 
 class VirtualClock:
-    """A clock on which time passes only during sleeps, which return immediately.
-
-    Ticks follow steps of at most 1 ms, so that a main loop with its watchdog runs at its simulated
-    time. Of several threads that sleep, each returns when the common time reaches its own deadline.
+    """A clock that passes only in sleeps, which return at once, in steps of 1 ms at most, so that a
+    watchdog runs at its time; threads share it.
     """
 
     def __init__(self, start_s: float = 0.0) -> None:

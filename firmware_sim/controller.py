@@ -9,10 +9,8 @@ from .firmware import Firmware
 
 
 class SimulatedController:
-    """An LED controller as a host sees it at the other end of a cable; thread-safe.
-
-    While a sequence runs, the main loop is simulated pass by pass, each of `pass_us` (about 50 to
-    200 us with MicroPython), so that edges are handled up to one pass late.
+    """A thread-safe LED controller at the end of a cable, whose loop handles edges up to a pass of
+    `pass_us` (MicroPython: 50 to 200 us) late.
     """
 
     def __init__(

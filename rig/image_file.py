@@ -67,10 +67,8 @@ _REMEDIES = {
 
 
 def read_image(path: Path) -> _Image:
-    """Read an image as (H, W) grey or (H, W, 3) RGB, uint8 or uint16; alpha is left out.
-
-    Pixel values are those of the file; those of a DNG are linear camera RGB. The image is
-    turned upright as its EXIF or XMP data say. Bytes after the end of a JPEG or PNG are ignored.
+    """Read an image, upright by its EXIF or XMP data, as (H, W) grey or (H, W, 3) RGB without
+    alpha, uint8 or uint16; a DNG is linear camera RGB.
     """
     return read_image_file(path)[0]
 
@@ -143,9 +141,8 @@ def _jpeg(content: bytes) -> _Decoded:
 
 
 def _png(content: bytes) -> _Decoded:
-    """Check all chunks and the declared size, then decode the critical chunks.
-
-    No ancillary chunk changes a pixel value, and libpng prints warnings about them.
+    """Check all chunks and the declared size, then decode the critical chunks: libpng warns of
+    others, which change no pixel.
     """
     import imagecodecs
     from PIL.PngImagePlugin import PngImageFile

@@ -15,10 +15,8 @@ _ENDING = [
 
 @contextmanager
 def signals_held_back() -> Iterator[None]:
-    """Hold back signals that end a program, and handle them at the end of the block.
-
-    The handlers are exchanged, because a mask is not enough: the kernel delivers a masked signal to
-    another thread, and Python then runs the handler in this one.
+    """Hold back signals that end a program until the block ends, by their handlers: the kernel
+    delivers a masked one to another thread, and Python runs it here.
     """
     if threading.current_thread() is not threading.main_thread():
         yield  # Python runs handlers in the main thread only

@@ -30,10 +30,8 @@ def check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
 
 
 class RepeatDetector:
-    """A detector of frames that repeat the previous frame.
-
-    A camera without noise, such as one that replays a set, delivers the same pixels each time: a
-    frame whose pixels come a third time in a row is not a repeat.
+    """Detects frames that repeat the previous one, not those that come a third time, as from a
+    camera without noise.
     """
 
     def __init__(self) -> None:
@@ -68,10 +66,8 @@ _PERIOD_ERROR = 0.01
 
 
 class ExposureTimeline:
-    """Exposure starts of the frames received so far.
-
-    Exposures start at least one frame period apart: the stamps of earlier frames predict the next
-    start, and the stamps of later frames show that an earlier one was too late.
+    """Exposure starts of the frames so far, a period apart at least: earlier stamps predict the
+    next, later ones disprove one that was too late.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -110,10 +106,8 @@ class ExposureTimeline:
     def next_start_s(
         self, not_before_s: float, start_uncertainty_s: float, max_frames: int
     ) -> float | None:
-        """Predicted start of the first frame exposed after `not_before_s`, at the latest.
-
-        None if no frame was received yet, if that frame is more than `max_frames` ahead, or if the
-        uncertainty of a time stamp, `start_uncertainty_s`, leaves two frames possible.
+        """Latest start of the first frame exposed after `not_before_s`; None without frames, beyond
+        `max_frames`, or if `start_uncertainty_s` leaves two possible.
         """
         if self._last_start_s is None:
             return None
@@ -148,9 +142,8 @@ class FrameHistory:
 
 
 class FreshFrames:
-    """Frames that were exposed under the light of one switch.
-
-    `counts` holds the frames received by kind, `lost` the gaps in their sequence numbers.
+    """Frames exposed under the light of one switch; `counts` are those received by kind, `lost`
+    gaps of their numbers.
     """
 
     def __init__(self, rig: Rig, light: int | None, switch: Switch, history: FrameHistory) -> None:

@@ -113,9 +113,8 @@ _POLL_S = 0.001
 
 
 def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) -> list[SetImage]:
-    """Capture an ambient image and one image per light, mean of `average` sequences.
-
-    The part sensor may have started the first sequence already, for the `part` that it saw.
+    """Capture ambient and light images, mean of `average` sequences, the first perhaps already
+    started by a sensor for `part`.
     """
     plan = rig.config.sequence_plan
     if plan is None:
@@ -268,9 +267,8 @@ _SENSOR_POLL_S = 0.005
 def wait_for_part(
     rig: Rig, delay_s: float, is_stopping: Callable[[], bool] = lambda: False
 ) -> ArrivedPart | None:
-    """Wait until the controller has begun the set of a part, `delay_s` after the sensor's edge.
-
-    Give the part to `capture_set` at once; None if `is_stopping`, which is polled, ended the wait.
+    """Wait until the controller begins the set of a part, `delay_s` after the sensor's edge, for
+    `capture_set`; None if `is_stopping` (polled).
     """
     plan = rig.config.sequence_plan
     if plan is None:

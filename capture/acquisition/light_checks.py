@@ -31,9 +31,8 @@ def check_set(
     retake: Callable[[], Array],
     least_level: float | None = None,
 ) -> ChecksRecord:
-    """Check the images of a set; undecided checks call `retake` once, which captures them again.
-
-    An LED of at least `least_level` of the others' light is accepted if the retake confirms it.
+    """Check a set's images, and by one `retake` what is undecided, such as an LED of at least
+    `least_level` of the others.
     """
     calibrated = images.calibrated(calibration)
     _check_different(images)
@@ -107,10 +106,8 @@ def _check_ambient(images: LightImages) -> float | None:
 
 
 def check_target(images: LightImages) -> ChecksRecord:
-    """Check the images of a calibration target for faults that no target causes.
-
-    Uncalibrated lights are unequal and near, a mirror sphere is dark but for its highlight, and a
-    sheet has no shading: the procedures of the calibration judge these.
+    """Check images of a calibration target only for faults that no target causes: lights may be
+    unequal and near, a sphere dark, a sheet without shading.
     """
     _check_different(images)
     bright = float(images.signals.max()) >= acceptance.MIN_SIGNAL_SHARE * images.full_scale
@@ -246,9 +243,8 @@ def _weak_leds(
 
 
 def share_while_off(images: npt.NDArray[np.uint16], ambient: npt.NDArray[np.uint16]) -> Floats:
-    """Return the share of each LED's light in the ambient image, by its shading; 0 without any.
-
-    A light from outside has the shading of an LED if it comes from the same side.
+    """Return the share of each LED's light in the ambient image by shading, which light from its
+    side has too.
     """
     step = max(1, min(ambient.shape) // _SHADED_PX)
     dark = ambient[::step, ::step].astype(np.float64)

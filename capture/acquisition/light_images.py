@@ -68,9 +68,8 @@ def images_under(
     history: FrameHistory,
     on_image: Callable[[SetImage], None] = lambda _: None,
 ) -> list[SetImage]:
-    """Capture one image under each light (None: all LEDs off); the last light stays on.
-
-    `on_image` is given each image while the next one is exposed, and must return at once.
+    """Capture an image under each light (None: all off); `on_image` gets each, and must return at
+    once; the last light stays on.
     """
     slot = _LightSlot(rig, lights[0], switch_to(rig, lights[0]), average, history)
     images = []

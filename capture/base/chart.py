@@ -21,9 +21,8 @@ def chart_axes(
     width_in: float = CHART_WIDTH_IN,
     margins_in: tuple[float, float, float, float] | None = None,
 ) -> tuple[Figure, Axes]:
-    """Return an empty figure and its axes; margins are left, right, top, bottom.
-
-    Without margins, matplotlib measures all texts to choose them, which doubles the time.
+    """Return an empty figure and axes with margins left, right, top, bottom; without them
+    matplotlib measures all texts, in twice the time.
     """
     # Without pyplot: it would look for a window system and keep every figure in memory.
     from matplotlib.figure import Figure

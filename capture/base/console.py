@@ -115,9 +115,8 @@ def new_table(*columns: str, prose: str | None = None) -> Table:
 
 
 def print_table(table: Table) -> None:
-    """Print a table, with the same line breaks on every terminal, in a pipe and in a log.
-
-    The column of prose is wrapped so that lines have `_LINE_WIDTH` characters, if the others fit.
+    """Print a table, with the column of prose wrapped to `_LINE_WIDTH` characters, alike on every
+    terminal, in a pipe and in a log.
     """
     from rich.cells import cell_len
     from rich.measure import Measurement
@@ -143,9 +142,8 @@ def print_table(table: Table) -> None:
 
 
 def command_group(help_text: str, begin: Callable[[], None] = lambda: None) -> typer.Typer:
-    """Make an empty group that prints its help when it is called without a command.
-
-    `begin` is called before each command.
+    """Make an empty group that prints its help when called without a command; `begin` is called
+    before each.
     """
     group = typer.Typer()
 

@@ -26,10 +26,8 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 @contextmanager
 def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
-    """Hold a lock on a folder during the block; a second program is refused.
-
-    The system releases the lock when the program ends, however it ends. The file `owner_file` in
-    the folder only names the program, for the message to the second one.
+    """Hold a lock, which the system releases when the program ends, on a folder; `owner_file` names
+    the holder to a second program, which is refused.
     """
     owner_path = folder / owner_file
     try:

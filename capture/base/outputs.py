@@ -24,10 +24,8 @@ def escaped(text: str) -> str:
 def check_output(
     path: Path, *, suffix: str, inputs: Iterable[Path] = (), force: bool = False
 ) -> None:
-    """Check that a command may write the file `path`, whose name must end in `suffix`.
-
-    It never replaces one of `inputs`, the files that the command reads, nor without `force` another
-    existing file.
+    """Check that a command may write `path`, which must end in `suffix`, is none of `inputs`, and
+    exists only with `force`.
     """
     if not path.name.endswith(suffix):
         raise InputError(f"{path}: the name of the output must end in {suffix}")
@@ -53,10 +51,8 @@ def is_input(path: Path, inputs: Iterable[Path]) -> bool:
 
 
 def csv_line(cells: Iterable[Any]) -> str:
-    """Return a line of CSV (RFC 4180).
-
-    A text that a spreadsheet would take for a formula begins with an apostrophe (OWASP, "CSV
-    Injection"): names and labels come from people and from other programs.
+    """Return a line of CSV (RFC 4180), where formulas of people and programs begin with an
+    apostrophe (OWASP, "CSV Injection").
     """
     line = io.StringIO()
     csv.writer(line).writerow(map(_no_formula, cells))

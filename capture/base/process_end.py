@@ -33,10 +33,8 @@ class _TolerantFile(io.FileIO):
 
 
 class StandardStreams:
-    """Replace the standard streams for the rest of the process.
-
-    After a failed write, such as to a closed pipe, or if the parent process has closed the stream,
-    output is discarded; a closed input is empty.
+    """Standard streams that discard output after a failed write or a closed stream, and whose
+    closed input is empty.
     """
 
     def __init__(self) -> None:

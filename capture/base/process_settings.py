@@ -20,19 +20,8 @@ _SWITCH_S = 0.5e-3
 
 
 def settle_process() -> None:
-    """Keep freed memory for the next frame, in this process and in its child processes.
-
-    Call it before numpy is imported. By default the GNU C library returns the memory of each frame
-    to the system, and new pages cost more time than most operations on them. The threads of BLAS
-    are not used: they wait for one another in busy loops, so that beside other threads a product
-    of a few vectors takes ten times as long as in one thread. Python switches between threads
-    after 0.5 ms. Environment variables that the user has set take precedence. Other systems ignore
-    the settings of memory.
-
-    Raises
-    ------
-    InputError
-        If the environment variable ``NUMBA_NUM_THREADS`` is not a positive whole number.
+    """Keep freed memory, use one BLAS thread and switch threads after 0.5 ms, unless the
+    environment says otherwise; call it before numpy is imported.
     """
     # numba reads the variable as well, but prints a traceback if it is wrong or blank.
     if os.environ.get("NUMBA_NUM_THREADS", "").strip():
@@ -58,11 +47,8 @@ def settle_process() -> None:
 
 
 def settle_station() -> None:
-    """Settle the process of a station whose modules are loaded.
-
-    Modules live as long as the station: to look through them for garbage takes 0.1 s. The threads
-    of OpenCV wait for one another in busy loops, which takes the processor from the threads that
-    judge a part. Each of those is bound to a processor.
+    """Settle a station whose modules are loaded: no search of them for garbage (0.1 s), no waiting
+    threads of OpenCV, a processor for each that judges.
     """
     import cv2
 
@@ -75,9 +61,8 @@ _LOWEST_PRIORITY = 19
 
 
 def yield_processors() -> None:
-    """Compute from now on only while no other process wants the processor.
-
-    Call it before the process starts threads.
+    """Compute only while no other process wants the processor; call it before the process starts
+    threads.
     """
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, 0, _LOWEST_PRIORITY)

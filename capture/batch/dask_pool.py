@@ -20,10 +20,8 @@ _Result = TypeVar("_Result")
 
 
 async def _greet(address: str, answer_s: float) -> None:
-    """Exchange greetings with the scheduler, as a `Client` does, and disconnect.
-
-    A `Client` waits for ever for a server that does not answer. A failed `Client` keeps its thread;
-    if it is collected as garbage in the thread of the next `Client`, that one does not start.
+    """Greet the scheduler and disconnect: a `Client` waits for ever for one that is silent, and its
+    thread, once failed, can stop the next.
     """
     from distributed.comm.core import connect
     from distributed.security import Security
@@ -34,9 +32,8 @@ async def _greet(address: str, answer_s: float) -> None:
 
 
 class DaskPool:
-    """A `Pool` of the workers of a Dask scheduler; workers may join later.
-
-    The scheduler runs the items of a dead worker again, on another worker.
+    """A `Pool` of a Dask scheduler's workers, which may join later; items of a dead worker run
+    again on another.
     """
 
     # The scheduler itself counts failures, up to `distributed.scheduler.allowed-failures`.

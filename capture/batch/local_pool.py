@@ -23,10 +23,8 @@ _Result = TypeVar("_Result")
 
 
 class LocalPool:
-    """A `Pool` of processes, each with one thread.
-
-    They end when this process ends, even if it is killed: each waits for the end of a pipe that
-    only this process holds open.
+    """A `Pool` of processes of one thread each, which end with this one, even if killed, as its
+    pipe closes.
     """
 
     attempts = 3
@@ -73,10 +71,8 @@ class LocalPool:
 
 @contextmanager
 def _terminal_signals_blocked() -> Iterator[None]:
-    """Block the signals that a terminal sends to all processes of a command.
-
-    Workers and the resource tracker of `multiprocessing`, started in the block, keep them blocked;
-    this process interrupts the workers itself.
+    """Block a terminal's signals for workers and the resource tracker started in the block; this
+    process interrupts them itself.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield

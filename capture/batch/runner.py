@@ -84,10 +84,8 @@ class Batch:
         items: Iterable[_Item],
         local_function: Callable[[_Item], _Result] | None = None,
     ) -> Iterator[_Result]:
-        """Yield ``function(item)`` for each item, in order.
-
-        `items` are read when a worker needs one. `local_function` is called instead of the function
-        for items that run in this process; it may show progress and is not pickled.
+        """Yield ``function(item)`` in order, reading `items` as workers need them; `local_function`
+        replaces it in this process, where progress can be shown.
         """
         remaining = iter(items)
         for item in remaining:

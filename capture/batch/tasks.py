@@ -116,9 +116,8 @@ def classify_set(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> ClassifiedSet:
-    """Classify a set, solved as the sets of the library were or by `method`.
-
-    A solver of the library that does not suit the number of lights is replaced by the default.
+    """Classify a set, solved as the library or by `method`; one that does not suit the number of
+    lights gives way to the default.
     """
     loaded = LoadedSet.of(path, calibration)
     captured, metadata = loaded.captured, loaded.captured.metadata

@@ -24,10 +24,8 @@ def train_library(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> tuple[TextureLibrary, dict[str, int]]:
-    """Train a library from labelled sets; return it and the number of sets of each class.
-
-    The library stores the paths of the sets relative to `folder`, where it will be saved.
-    `calibration` replaces the calibrations that the sets name.
+    """Train a library from labelled sets, with paths relative to `folder` and their `calibration`
+    replaced if given; return it and its sets by class.
     """
     absolute = [path.absolute() for path in paths]
     calibration = None if calibration is None else calibration.absolute()

@@ -71,10 +71,8 @@ class PatchPosition:
 
 @dataclass(frozen=True)
 class Conditions:
-    """Lighting and exposure of a set.
-
-    Without `shadows`, light passes through the relief, is negative where the surface faces away,
-    and is not clipped. No camera can take such images.
+    """Lighting and exposure of a set; without `shadows`, light passes through relief, and is
+    negative where the surface faces away.
     """
 
     slant_deg: float
@@ -89,10 +87,8 @@ class Conditions:
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """Libraries trained on one or more sets of each texture under the same conditions.
-
-    With `one_segment`, a spectrum is one periodogram of the whole frame, not an average over
-    segments. The sets of a texture are of patches at `places`, in turn.
+    """Libraries trained on sets of each texture at `places`, in turn; with `one_segment` a spectrum
+    is one periodogram of the frame.
     """
 
     name: str

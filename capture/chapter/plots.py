@@ -75,10 +75,7 @@ def draw_bars(
     names: Sequence[str],
     panels: Sequence[tuple[str, Sequence[tuple[str, str, Sequence[float | None]]]]],
 ) -> None:
-    """Draw accuracies in percent as bars, a group for each name in each titled panel.
-
-    A panel has (label, colour, values), with a value for each name.
-    """
+    """Draw accuracies in percent as bars, of panels with (label, colour, values by name)."""
     axes = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
     positions = np.arange(len(names))
     for ax, (title, groups) in zip(axes, panels, strict=True):

@@ -62,11 +62,8 @@ _Clock: TypeAlias = Callable[[], float]
 def shortest_ms(
     functions: Mapping[str, Work], rounds: int, clock_s: _Clock = time.perf_counter
 ) -> dict[str, float]:
-    """Duration of the shortest of `rounds` calls of each function, in milliseconds.
-
-    Each round calls every function once, so that a busy machine slows all of them. The shortest
-    call counts, because other processes only add time. The first call of every function, which
-    compiles and fills caches, is not timed.
+    """Shortest of `rounds` calls of each function in ms, in rounds of all after one untimed call,
+    because other processes only add time.
     """
     for function in functions.values():
         function()
@@ -157,10 +154,8 @@ def _shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _SandMaps:
-    """(H, W) maps of one patch of sand by solver, and the true ones under `TRUTH`.
-
-    Albedo is scaled to the true mean over valid pixels in no shadow. The errors are rms errors of
-    (p, q, albedo) over valid pixels; all pixels are valid, except for robust PS4.
+    """(H, W) maps of one patch by solver and `TRUTH`, albedo scaled to it out of shadow, and rms
+    errors of (p, q, albedo) over valid pixels.
     """
 
     relief: dict[str, FloatMap]  # height in px, of mean 0

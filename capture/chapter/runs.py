@@ -66,10 +66,7 @@ def expose(scene: SceneImages, conditions: Conditions, seed: int) -> SimulatedSe
 
 
 def solve(images: SimulatedSet, method: Method, *, planar: bool = False) -> SurfaceEstimate:
-    """Solve a set; PS3 and PS4 as in the thesis, where every pixel is valid unless saturated.
-
-    `photometric_stereo` itself marks pixels invalid where shadow leaves the slope unknown.
-    """
+    """Solve a set; by PS3 and PS4 as in the thesis, where every pixel is valid unless saturated."""
     surface = images.solve(method, planar=planar)
     if method in _THESIS_METHODS:
         return replace(surface, valid=~surface.saturated)

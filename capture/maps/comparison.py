@@ -210,9 +210,8 @@ def map_difference(
     unit: str,
     deviation: npt.NDArray[np.floating[Any]] | None = None,
 ) -> _MapDifference | None:
-    """Compare two (H, W) maps pixel by pixel; None if no pixel is valid or finite in both.
-
-    `deviation` is the (H, W) standard deviation of the difference.
+    """Compare two (H, W) maps with the standard `deviation` of their difference; None if no pixel
+    is finite in both.
     """
     used = valid & np.isfinite(first) & np.isfinite(second)
     if not used.any():

@@ -80,10 +80,8 @@ def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dic
 def _roughness_parameters(
     maps: SurfaceMaps,
 ) -> dict[str, dict[str, Any]]:
-    """Return name, value and unit of each parameter by symbol, and whether it is relative.
-
-    A value is None if no pixel is valid; Sa and Sq are in um, or relative in px without a scale.
-    Of a surface with deviations, noise is subtracted, and the expanded uncertainty is with it.
+    """Return name, value (None without valid pixels; Sa, Sq in um or relative px; noise subtracted
+    if deviations are known) and unit by symbol, and whether relative.
     """
     uncertainty, mm_per_px = maps.roughness_uncertainty, maps.mm_per_px
     roughness = maps.roughness if uncertainty is None else uncertainty.corrected
@@ -219,10 +217,8 @@ def write_maps(
     raw_residual: float | None = None,
     inputs: Collection[Path] = (),
 ) -> list[Path]:
-    """Write all maps of a surface, and an `index.html` that shows them.
-
-    Maps in `folder` are replaced as a whole, but none of `inputs` is; `raw_residual` is the
-    `residual_share` without the calibration.
+    """Write all maps and their `index.html`, in place of maps in `folder` but none of `inputs`;
+    `raw_residual` is that without calibration.
     """
     maps = SurfaceMaps(surface, light, mm_per_px)
     origin = {

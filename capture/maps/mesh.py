@@ -24,9 +24,8 @@ def scaled_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap, float, 
 
 
 def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, unit: str) -> None:
-    """Write a mesh with grey vertices (Stanford PLY 1.0, little-endian), with holes at NaN.
-
-    `height` and `per_px`, the length of a pixel, are in `unit`.
+    """Write a mesh with grey vertices and holes at NaN (Stanford PLY 1.0, little-endian); `height`
+    and `per_px` are in `unit`.
     """
     is_finite = np.isfinite(height)
     white = float(np.percentile(albedo[is_finite], 99.5)) or 1.0

@@ -169,9 +169,8 @@ def reduced(
     interpolation: int = cv2.INTER_AREA,
     longest_px: int = PICTURE_PX,
 ) -> Array:
-    """Reduce (H, W) or (H, W, 3) values to a longer side of `longest_px`, labels by INTER_NEAREST.
-
-    A mean leaves out NaN, and is NaN if more than half of its values are.
+    """Reduce (H, W[, 3]) to a longer side of `longest_px`, labels by INTER_NEAREST, others by the
+    mean without NaN, NaN if most are.
     """
     rows, columns = values.shape[:2]
     scale = longest_px / max(rows, columns)

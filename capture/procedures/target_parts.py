@@ -34,9 +34,8 @@ _IMAGE_PARTS: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 def images_of_photographs(
     pictures: Photographs, masks: Sequence[Path], lights: int | None, file: CalibrationFile
 ) -> tuple[list[SphereImages], Setting]:
-    """Return images of a sphere, one per light, placement after placement.
-
-    `masks` is empty or has one mask per placement. If `lights` is None, there is one placement.
+    """Return images of a sphere, one per light (None: one placement), by placement, with a mask for
+    each or none.
     """
     lights = lights or len(pictures.planes)
     if len(pictures.planes) % lights:
@@ -78,9 +77,8 @@ def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[S
 
 
 def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) -> SphereImages:
-    """Correct light images by the calibration, and by the vignetting in its flat field.
-
-    Vignetting turns the lights on a matt sphere (tests/capture/procedures/test_target_parts.py).
+    """Correct light images by the calibration and by the vignetting of its flat field, which turns
+    the lights on a matt sphere.
     """
     parts = {
         name: getattr(file.calibration, name)

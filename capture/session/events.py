@@ -120,9 +120,8 @@ Ask = Callable[[Question], Answer]
 
 
 def without_questions(question: Question) -> Answer:
-    """Answer without an operator: keep sets, leave failed ones, stop without a rig.
-
-    Nobody can put a sheet below a real camera: the rig is not compared with its calibration.
+    """Answer without an operator: keep sets, leave failed ones, stop without a rig, and skip the
+    comparison, which needs a sheet put in place.
     """
     if isinstance(question, DecideFailure):
         return Answer.STOP if question.lost_rig else Answer.LEAVE

@@ -40,9 +40,8 @@ def _sets_table(
     present: Collection[tuple[str, float, int]],
     damaged: Mapping[str, str],
 ) -> str:
-    """Return the table as CSV (RFC 4180): planned sets, then those no longer planned.
-
-    `present` has the keys of the entries whose file is there, `damaged` the errors of files.
+    """Return CSV (RFC 4180) of planned sets, then those no longer planned; `present` are entries
+    with a file, `damaged` errors of files.
     """
     planned = {entry.key: entry for entry in map(SetEntry.of, plan.sets())}
     entered = {entry.key: entry for entry in entries}
@@ -155,9 +154,8 @@ class SessionFolder:
     def missing(
         self, plan: SessionPlan | None = None, *, left_out: bool = False
     ) -> list[PlannedSet]:
-        """Planned sets, of the session or of `plan`, that were not captured or lost their file.
-
-        Sets that were left out are missing only with `left_out`.
+        """Planned sets, of the session or of `plan`, without a file; those left out only with
+        `left_out`.
         """
 
         def is_missing(planned: PlannedSet) -> bool:
@@ -252,9 +250,8 @@ class SessionFolder:
         yield from (*entered.values(), *others)
 
     def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str | InputError]]:
-        """Read and hash the file of each captured set, also of those no longer planned.
-
-        Yields its metadata, why it is damaged, or the error of a file that may be intact.
+        """Yield the metadata of each captured set, planned or not, why it is damaged, or an error
+        of a file that may be intact.
         """
         for entry in self.captured():
             path, planned = self.path / str(entry.file), self.plan.planned(*entry.key)
@@ -288,9 +285,8 @@ class SessionFolder:
                         raise failed from error
 
     def _is_unentered(self, planned: PlannedSet, metadata: SetMetadata) -> bool:
-        """Whether a file is of a planned set and this rig, and not in the journal.
-
-        A planned set with an entry needs a file captured during a run: others were copied here.
+        """Whether a file of a planned set of this rig lacks its entry; one with an entry must be
+        captured during a run, not copied here.
         """
         captured_as = [as_captured(metadata, name) for name in ("specimen", "orientation_deg")]
         lights = len(metadata.lighting.directions)
@@ -340,9 +336,8 @@ def session_folder(path: Path) -> Iterator[SessionFolder]:
 
 
 def make_session(plan_path: Path) -> Path:
-    """Make the folder of a plan beside it, unless it exists; return its path.
-
-    The journal is written last: a folder with a journal is whole.
+    """Make the folder of a plan beside it, unless it exists, its journal last, so that one with a
+    journal is whole; return its path.
     """
     plan = read_plan(plan_path)
     folder = plan_path.absolute().parent / plan.name
@@ -362,9 +357,8 @@ def make_session(plan_path: Path) -> Path:
 
 
 def _lacks_its_journal(folder: Path) -> bool:
-    """Whether a folder contains only files of a session, whose journal is missing.
-
-    `make_session` was interrupted, or the journal was lost: the next run enters the sets anew.
+    """Whether a folder has only files of a session without its journal, so that the next run enters
+    the sets anew.
     """
     names = {path.name for path in folder.iterdir() if not path.name.startswith(TEMPORARY_PREFIX)}
     return names <= {PLAN, TABLE, _LOG, REPORT, SETS, CALIBRATION, REPLACED, _RESERVE, *_LOCKS}

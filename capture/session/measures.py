@@ -76,9 +76,8 @@ class SpecimenReference:
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None
     ) -> float | None:
-        """Orientation of a surface of the same specimen, nearest to `entered_deg` modulo 180.
-
-        It is relative to the first set if that has no orientation.
+        """Orientation nearest to `entered_deg` modulo 180, relative to the specimen's first set if
+        that has none.
         """
         profile = None
         if self._library is not None:
@@ -136,10 +135,7 @@ def light_signals(captured: CapturedSet) -> tuple[float, ...]:
 
 
 def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> None:
-    """Correct sets by `correct`, and enter the corrections into the sessions that they belong to.
-
-    If a session is in use, nothing is corrected.
-    """
+    """Correct sets by `correct`, also in their sessions; none if a session is in use."""
     files = {path.resolve() for path in paths}
     homes = {path.parent.parent for path in files if path.parent.name == SETS}
     with ExitStack() as stack:
@@ -163,9 +159,8 @@ def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> N
 def enter_corrections(
     folder: SessionFolder, described_sets: Iterable[tuple[SetEntry, SetMetadata]]
 ) -> None:
-    """Enter the present metadata of captured sets, and judge the changed sets again.
-
-    Another specimen or orientation changes the measures of all sets of the specimens concerned.
+    """Enter the present metadata of captured sets, and judge again all sets of specimens that a new
+    specimen or orientation concerns.
     """
     journal, concerned = folder.journal, set[str]()
     for entry, metadata in described_sets:

@@ -95,10 +95,8 @@ class Places(NamedTuple):
 
 
 def places_of(directions: Floats) -> Places | None:
-    """Place images as the lights stand, by their (N, 3) directions with y up.
-
-    The images are the largest that overlap neither each other nor the part; None if they are
-    smaller than a seventh of the page, as for a light above the part or a dome of many.
+    """Place images, as large as fit beside each other and the part, by (N, 3) directions, y up;
+    None if below a seventh of the page.
     """
     offsets = directions[:, :2] * (1.0, -1.0)  # on the page y points down
     reach = np.abs(offsets).max(initial=_MIN_GAP)
@@ -222,9 +220,8 @@ class Preview:
 def show_lights(
     rig: Rig, preview: Preview, stopping: threading.Event, measure: _Measure | None = None
 ) -> None:
-    """Show each light of an open rig in turn until `stopping` is set.
-
-    `measure` makes a text of the frames of each round, or None where there is nothing to say.
+    """Show each light in turn until `stopping` is set, with the text, or None, that `measure` makes
+    of each round's frames.
     """
     preview.opened(rig)
     while True:
@@ -245,9 +242,8 @@ def run_preview(
     stopping: threading.Event,
     measure: _Measure | None = None,
 ) -> None:
-    """Show each light in turn until `stopping` is set, then switch the LEDs off.
-
-    A hardware error is shown, and the rig is opened again two seconds later.
+    """Show each light in turn until `stopping` is set, opening the rig again 2 s after an error,
+    then switch the LEDs off.
     """
     # This loop switches the LEDs, and the page shows ages in real time.
     real_time = {"lights": {"synchronisation": "software"}, "simulation": {"clock": "real"}}

@@ -200,10 +200,8 @@ def _remarks(entries: list[SetEntry], separation: Separation | None) -> Iterator
 
 
 def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
-    """Sets that look like another class, or like none.
-
-    A set is far if it is beyond the limit of its specimen, and by more than sets of the session
-    are: of a single material all distances are large, because its own quarters are the unit.
+    """Sets that look like another class or none: beyond the limit of their specimen, and farther
+    than others of the session, as one material has small quarters for a unit.
     """
     names, entries = separation.specimens, separation.entries
     classes = np.array([names.index(entry.piece) for entry in entries])

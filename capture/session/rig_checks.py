@@ -162,9 +162,8 @@ _MIN_EXPOSURE_MS = 0.01
 
 
 def find_exposure_ms(config: RigConfig) -> float:
-    """Find an exposure in ms that `rate_exposure` calls good, beginning with that of `config`.
-
-    A dark specimen gets the longest exposure that fits into a frame, even if that is not good.
+    """Find an exposure in ms that `rate_exposure` calls good, from that of `config`; for a dark
+    specimen the longest within a frame.
     """
     listed = [] if config.is_simulated else list_cameras()
     exposure_ms = config.camera.exposure_ms
@@ -196,10 +195,8 @@ _NOT_COMPARED = Check(
 
 
 def compare_rig(rig: Rig, file: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
-    """Compare a rig with its calibration by a white sheet, and publish the result.
-
-    Return GO, or STOP if the person stops before the first comparison; raise CalibrationRejected on
-    a fault.
+    """Compare a rig with its calibration by a sheet: GO, STOP by the person before the first, or
+    CalibrationRejected on a fault.
     """
     cause: str | None = None
     is_alone = lays_sheet_down(rig)

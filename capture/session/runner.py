@@ -51,11 +51,7 @@ def run_session(
     *,
     left_out: bool = False,
 ) -> events.SessionFinished:
-    """Capture the missing sets of a session.
-
-    Each set is in its file before its entry is in the journal, and there before the next one
-    begins.
-    """
+    """Capture the missing sets, each in its file, then in the journal, before the next begins."""
     run = RunRecord(
         started_utc=utc_text(),
         rig=config.name,
@@ -256,10 +252,8 @@ class _Runner:
         )
 
     def _new_pixels(self, rig: Rig, label: str) -> CapturedSet:
-        """Capture a set that no other set of the session equals pixel by pixel.
-
-        The simulated rig begins with the same noise at each start: a first set may equal an earlier
-        one.
+        """Capture a set with new pixels: the simulated rig begins with the same noise at each
+        start.
         """
         average = self._folder.plan.average
         known = None if self._calibration is None else self._calibration.file

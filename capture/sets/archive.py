@@ -42,10 +42,8 @@ def find_sets(places: Sequence[Path]) -> list[Path]:
 
 
 def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
-    """A folder for the results of each captured set of `places`.
-
-    A single file has `output` itself, others a path below it as below the common folder of
-    `places`.
+    """A folder for the results of each captured set: `output` for a single file, else a path below
+    it as below the common folder.
     """
     sets = find_sets(places)
     if len(sets) == 1 and sets == list(places):

@@ -292,9 +292,8 @@ class LoadedSet:
     def solve_texture(
         self, method: Method | None, *, planar: bool, uncertainty: bool = False
     ) -> SurfaceEstimate:
-        """Solve a part with a texture.
-
-        With a flat field in the calibration, no fall-off is fitted to the part.
+        """Solve a part with a texture, whose fall-off is fitted unless the calibration has a flat
+        field.
         """
         has_flat_field = self.calibration is not None and self.calibration.flat_field is not None
         return self.solve(method, planar=planar and not has_flat_field, uncertainty=uncertainty)

@@ -35,9 +35,8 @@ from .metadata import SetMetadata
 
 
 class PixelHash:
-    """SHA-256 of the pages of a set, which may arrive in any order; see `pixels_sha256`.
-
-    One task hashes all pages that are due; tasks that wait for each other could deadlock.
+    """SHA-256 of a set's pages in any order (`pixels_sha256`), in one task of all due, as tasks
+    that wait for each other could deadlock.
     """
 
     def __init__(self) -> None:
@@ -100,9 +99,8 @@ def write(
     *,
     is_hashed: bool = False,
 ) -> None:
-    """Write a captured set to `path`, whole or not at all; the temporary file lies in `home`.
-
-    `is_hashed` says that the metadata have the hash of these very arrays.
+    """Write a captured set to `path`, whole or not at all, by a temporary file in `home`;
+    `is_hashed` if its metadata hash these arrays.
     """
     if not path.name.endswith(SET_SUFFIX):
         raise InputError(

@@ -41,10 +41,8 @@ class _KernelCache(FunctionCache):
 
 
 class _CodeFiles(IndexDataCacheFile):
-    """An index, and files of machine code whose names are the hashes of their content.
-
-    numba's numbered files can hold code of another type or older source if two programs compile at
-    once, or one is killed; it would run without an error.
+    """An index, and files of machine code named by the hash of their content: numba's numbered
+    files can be those of older source after a kill, and run without an error.
     """
 
     def __init__(self, folder: str, kernel_name: str, source_stamp: object) -> None:

@@ -33,10 +33,8 @@ def require_folder(path: Path) -> None:
 
 @contextmanager
 def durable_file(path: Path, temporary_folder: Path | None = None) -> Iterator[Path]:
-    """Yield a temporary path that becomes `path` when the block ends without an error.
-
-    Data and rename are forced to disk, and links are followed. `temporary_folder` is another folder
-    of the same file system for the temporary file.
+    """Yield a temporary path, in `temporary_folder` if given (same file system), that becomes
+    `path`, on the disk, when the block ends without an error.
     """
     try:
         target = path.resolve() if path.is_symlink() else path
@@ -105,10 +103,8 @@ def _sync(path: Path, flags: int) -> None:
 
 @contextmanager
 def durable_folder(folder: Path, names: Collection[str], marker: str) -> Iterator[Path]:
-    """Yield a temporary folder whose files move to `folder` when the block ends well.
-
-    In a folder that exists, the old files called `names` are removed, `marker` first, and the new
-    ones are moved in, `marker` last: a folder with the file `marker` is complete.
+    """Yield a temporary folder whose files replace those called `names` in `folder` when the block
+    ends well: it is complete if it has the file `marker`.
     """
     folder = folder.resolve()
     if folder.exists() and not folder.is_dir():

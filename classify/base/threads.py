@@ -64,11 +64,7 @@ class Task(Generic[_Result]):
 
 
 class _Workers:
-    """Threads that run queued tasks in order, long ones first; thread n on `processors[n]`.
-
-    `count` is one fewer than the threads that may compute: the caller that waits for a result runs
-    other tasks meanwhile.
-    """
+    """Threads that run queued tasks in order, long ones first; thread n on `processors[n]`."""
 
     def __init__(self, count: int, processors: Sequence[int] = ()) -> None:
         self.count = count
@@ -155,9 +151,8 @@ _lock = threading.Lock()
 
 
 def thread_count() -> int:
-    """Number of threads for kernels, the calling one included.
-
-    It is that of `set_thread_count`, else NUMBA_NUM_THREADS, else one per usable processor.
+    """Number of threads for kernels: of `set_thread_count`, NUMBA_NUM_THREADS, or one per
+    processor.
     """
     if _count is not None:
         return _count

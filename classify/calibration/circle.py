@@ -68,10 +68,8 @@ _CANDIDATES = 12
 
 
 def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list[Circle]:
-    """Detect circles in (H, W) images, the likeliest first.
-
-    Hough transform in which an edge pixel votes for the two centres along its gradient (Kimme,
-    Ballard and Sklansky 1975), and non-maximum suppression.
+    """Detect circles in (H, W) images, the likeliest first, by a Hough transform with votes along
+    gradients (Kimme, Ballard and Sklansky 1975).
     """
     points, gradients, weights = _edges(images)
     height, width = images[0].shape

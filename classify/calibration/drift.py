@@ -84,10 +84,8 @@ def plate_drift(
     *,
     brightness: float | None = None,
 ) -> Drift:
-    """Compare light images of a white matt sheet, as captured, with a calibration.
-
-    `brightness` is the geometric mean of the sheet's pixel values at the calibration, as a share of
-    full scale; a distant light that has moved shows only in its level.
+    """Compare light images of a white matt sheet with a calibration, where the sheet's geometric
+    mean was `brightness` of full scale.
     """
     flat_field, lighting = calibration.flat_field, calibration.lighting_of(lighting)
     if flat_field is None:

@@ -190,9 +190,8 @@ class DriftModel:
         return Explanation(tuple(with_numbers), levels, brightness, slope, residual, unevenness)
 
     def _nuisances(self) -> Iterator[Floats]:
-        """(N B,) changes that need no cause, each one standard deviation.
-
-        Brightness, slope and levels come first; `_explanation` reads them.
+        """(N B,) changes that need no cause, in standard deviations: brightness, slope, levels,
+        others.
         """
         x, y, one = self._x, self._y, np.ones_like(self._x)
         along_x, along_y = self._tangents.T[..., None]

@@ -92,9 +92,7 @@ def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """Model of log ratios at n points of the sheet, and its difference from (N, n) `data`.
-
-    The vector of parameters is v of each light, the log level of all but the first light relative
+    """Log ratios of n points of the sheet less (N, n) `data`, by v of each light, levels relative
     to the first, and m.
     """
 
@@ -130,10 +128,8 @@ class _Model:
         )  # fmt: skip
 
     def errors(self, solution: Any) -> tuple[Floats, Floats]:
-        """(N,) standard errors of v along itself and across.
-
-        The covariance is the sum of the clustered one (Cameron and Miller 2015) and that of
-        independent residuals. The errors are infinite if the Jacobian is rank-deficient.
+        """(N,) standard errors of v along itself and across: clustered (Cameron and Miller 2015)
+        plus independent; infinite if the Jacobian is rank-deficient.
         """
         lights = len(self.data)
         # The rank is too low, for example, if all lights are in one place.

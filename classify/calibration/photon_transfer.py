@@ -174,9 +174,8 @@ def photon_transfer(
 def _fit(
     means: Floats, variances: Floats, freedom: Floats, intercept: float | None
 ) -> tuple[Floats, Floats]:
-    """Intercept, which is fitted if None, and slope, with their covariance.
-
-    A variance V of n degrees of freedom has the variance 2 V^2 / n, here with V from the line.
+    """Intercept (fitted if None) and slope, with covariance; a variance V of n degrees of freedom
+    has variance 2 V^2 / n.
     """
     terms = np.stack([np.ones_like(means), means])
     line: Floats = np.zeros(2)

@@ -171,9 +171,8 @@ def _why_unknown(positions: LedPositions) -> str:
 
 
 def _tilts_deg(offsets: Floats, lighting: Lighting) -> Floats:
-    """(S,) tilts of the sheet from the (S, N) changes of the lights' log brightness.
-
-    A sheet of slopes a = (p, q) makes a light in the direction l brighter by 1 - a . l_xy / l_z.
+    """(S,) tilts of the sheet from (S, N) changes of log brightness: slopes a brighten a light by 1
+    - a . l_xy / l_z.
     """
     tangents = lighting.directions[:, :2] / lighting.directions[:, 2:]
     centred = tangents - tangents.mean(axis=0)

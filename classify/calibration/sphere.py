@@ -31,10 +31,7 @@ class Sphere:
     def of_outline(
         cls, outline: Outline, frame: tuple[int, int], focal_px: float | None = None
     ) -> Sphere:
-        """Return the sphere with this outline.
-
-        Rays to an outline form a circular cone: unit vectors d along it and c to the centre have d
-        . c = cos(g), so d . (c / cos(g)) = 1 is solved by linear least squares. sin(g) is radius /
+        """Fit the cone of rays d to the outline: d . (c / cos g) = 1, where sin g is radius /
         distance.
         """
         rows, columns = frame

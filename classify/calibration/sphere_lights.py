@@ -57,10 +57,8 @@ class _Highlight(NamedTuple):
 def mirror_directions(
     images: Array, sphere: Sphere, ambient: Array | None = None
 ) -> tuple[Floats, Floats, Floats, list[str]]:
-    """(N, 3) directions of lights by a mirror sphere, errors_deg, (N, 3) points, doubts.
-
-    l = 2 (n . v) n - v is averaged over the highlight, weighted by the light: equal areas of the
-    image of a mirror sphere are equal solid angles, 4 / radius^2.
+    """(N, 3) directions l = 2 (n . v) n - v of lights by a mirror sphere, mean over the highlight;
+    errors_deg, (N, 3) points, doubts.
     """
     rows, columns = sphere.pixels(_USED_RADIUS)
     top, left = int(rows.min()), int(columns.min())
@@ -177,10 +175,8 @@ _WORST_RESIDUAL = 0.12
 def matte_directions(
     images: Array, sphere: Sphere, full_scale: float, vignetting: float | None = None
 ) -> tuple[Floats, Floats, Floats, float]:
-    """(N, 3) directions of lights by their shading of a matt sphere, errors, levels, residual.
-
-    Shading, a cubic in n . l, times vignetting by radius^2 is fitted to each (H, W) light image;
-    `vignetting` is the share of light missing in the corners, None to fit it.
+    """(N, 3) directions by the shading of a matt sphere, a cubic in n . l times `vignetting` (loss
+    in the corners, None: fitted); errors, levels, residual.
     """
     rows, columns = sphere.pixels(_SHADED_SHARE)
     every = -(-len(rows) // _MAX_PIXELS)

@@ -162,10 +162,8 @@ def _scaled(circle: Circle, factor: float) -> Circle:
 
 
 def _features(images: Array, *, is_mirror: bool) -> list[FloatMap]:
-    """Roots of the mean, largest and smallest value over the lights, and a ratio.
-
-    In the ratio of a pixel's brighter half of the lights (without the brightest, perhaps a
-    highlight) to its darker half, the albedo of the background cancels.
+    """Roots of mean, largest and smallest value over the lights, and their brighter to darker half,
+    in which the albedo of the background cancels.
     """
     planes = (images.mean(axis=0, dtype=np.float32), images.max(axis=0), images.min(axis=0))
     top = max(float(image.max()) for image in planes) or 1.0

@@ -99,10 +99,8 @@ def unit_limit(pixels: float) -> float:
 
 
 def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
-    """Limit of a class of several sets, from the distance of each to the others.
-
-    A distance more than two standard deviations below the expected median (sets of one patch) is
-    left out; the limit is at most the 99th percentile of the smallest of as many distances.
+    """Limit from the distance of each set to the others, without sets of one patch; at most the
+    99th percentile of the smallest of as many distances.
     """
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
     expected = math.log(limit) - _LIMIT_DEVIATIONS * spread

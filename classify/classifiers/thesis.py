@@ -117,10 +117,8 @@ def _power(observation: PolarSpectra, _: Parameters) -> FloatMap:
 
 
 def _compare_2d(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
-    """Distance and orientation of one (2, R, A) signature against n references.
-
-    The 1D polar spectra give the shift of least squared error, at which the 2D spectra are compared
-    (thesis scheme 9.3); errors of M and A are each divided by the energy of both signatures.
+    """Distance of one (2, R, A) signature to n references, each error over both energies, at the
+    shift of least squared error of the 1D spectra (thesis scheme 9.3).
     """
     shifts = _shifts_by_polar(test, references)
     shifted = roll_angles(test, shifts)

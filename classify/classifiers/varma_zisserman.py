@@ -66,10 +66,8 @@ def mr8_filters() -> FloatMap:
 
 
 def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
-    """(8, H - 48, W - 48) float32 MR8 responses to an (H, W) image under one light.
-
-    Edges and bars give the largest magnitude over their orientations; each pixel's vector R becomes
-    R log(1 + |R| / 0.03) / |R| (Weber's law).
+    """(8, H - 48, W - 48) float32 MR8 responses to an (H, W) image, R scaled to R log(1 + |R| /
+    0.03) / |R| (Weber's law).
     """
     normal = _normalised(image)
     rows, columns = (side - 2 * _MARGIN for side in normal.shape)

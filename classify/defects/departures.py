@@ -102,10 +102,8 @@ _MIN_SHARE = np.float32(1e-3)
 
 
 def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
-    """(h, w, WINDOW_STATISTICS) statistics around every cell, in the frame of the texture.
-
-    For each window: the log deviation of the slopes, its anisotropy as cosine and sine of twice the
-    direction, the log deviation of the log albedo, and its mean.
+    """(h, w, WINDOW_STATISTICS) around every cell, of each window log deviation of slopes,
+    anisotropy (cosine and sine of twice the direction), log deviation and mean of the log albedo.
     """
     angle = np.radians(2.0 * orientation_deg)
     c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
@@ -158,9 +156,8 @@ MomentSums = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class GoodCells:
-    """Mean (d,), whitening matrix (d, d), and whitened statistics of chosen cells (CENTRES, d).
-
-    Many centres describe a part with several kinds of cells, such as bricks and joints.
+    """Mean (d,), whitening matrix (d, d) and whitened statistics (CENTRES, d) of good cells, such
+    as bricks and joints.
     """
 
     mean: FloatMap
@@ -169,9 +166,8 @@ class GoodCells:
 
     @classmethod
     def of(cls, parts: Sequence[FloatMap]) -> Self:
-        """Choose from the statistics (n, d) of the cells of several parts.
-
-        Each centre is the cell that is farthest from those chosen before it (Gonzalez 1985).
+        """Choose from statistics (n, d) of cells the farthest from those chosen before (Gonzalez
+        1985).
         """
         moments = np.sum([moment_sums(part) for part in parts], axis=0)
         moments = moments / moments[0, 0]
@@ -213,11 +209,8 @@ def moment_sums(samples: FloatMap) -> MomentSums:
 
 
 def unlike_halves(sums: Sequence[MomentSums]) -> tuple[list[int], list[int]]:
-    """Split two or more parts into halves that differ as much as possible, by their `moment_sums`.
-
-    For cross-validation: leaving out single parts would underestimate departures, because parts of
-    one batch resemble each other. The parts are split along the first principal component of the
-    means of their statistics.
+    """Split two or more parts by the first principal component of their mean statistics: parts of
+    one batch are too alike to leave out one at a time.
     """
     total = np.sum(sums, axis=0)
     total = total / total[0, 0]
@@ -335,10 +328,7 @@ class DepartureModel:
 def statistics_and_responses(
     fields: PartFields, gains: FloatMap, orientation_deg: float
 ) -> tuple[Callable[[], FloatMap], Iterator[Response]]:
-    """Whiten a part; return a function for the (h, w, d) statistics, and `filter_responses`.
-
-    Both may be computed at the same time, in two threads.
-    """
+    """Whiten a part; return a function for the (h, w, d) statistics, and `filter_responses`."""
     h, w = fields.valid.shape
     white, twice_whitened = white_spectra(fields, gains, orientation_deg)
 

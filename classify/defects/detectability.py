@@ -88,16 +88,8 @@ def detectability(
     limit: float = 1.0,
     defects: Sequence[KnownDefect] = DEFECTS,
 ) -> tuple[Detectability, ...]:
-    """Measure how strong defects must be to be found on one texture.
-
-    Each defect is added to the slopes or the albedo of good parts, in 48 to 256 places and at
-    random angles, `MARGIN_PX` or more from the border. The strength at which the map exceeds its
-    limit there is bisected for each place; 9 of 10 places need at most the stated one. For one
-    filter it is proportional to limit / d', where d'^2 = sum |d(k)|^2 / S(k) is the signal-to-noise
-    ratio of a defect of unit strength d over texture of power S (North 1943).
-
-    Takes as many of the good parts, with their orientations, as it needs. The result is empty if no
-    part has a place for a defect.
+    """Bisect the strength at which 9 of 10 defects in 48 to 256 places of good parts are found; for
+    one filter it is limit / d', d'^2 = sum |d(k)|^2 / S(k) (North 1943).
     """
     draw = np.random.default_rng(0)
     strengths: dict[KnownDefect, list[float]] = {defect: [] for defect in defects}
@@ -164,10 +156,8 @@ def least_found(
     strongest: float,
     steps: int,
 ) -> Floats:
-    """Bisect the strengths at which the scores in `count` places are 1, and interpolate.
-
-    `scores` is called with a strength for each place. A defect whose strongest is not found gets
-    infinity.
+    """Bisect the strengths at which the scores in `count` places are 1, and interpolate; infinity
+    if the strongest defect is not found.
     """
 
     def logs(strengths: Floats) -> Floats:

@@ -34,10 +34,8 @@ _STRIP = 64
 def line_response(
     field: FloatMap, cell: int, orientation_deg: float, weights: FloatMap
 ) -> FloatMap:
-    """(h, w) largest of the absolute sums along lines in every cell, times (DIRECTIONS * LENGTHS,).
-
-    The field is (h cell, w cell), and 0 beyond its borders. Sums of threes of pixels have the
-    weights 1 2 1, 1 2 3 2 1 and 1 2 3 3 3 2 1. Directions whose weights are 0 take no time.
+    """(h, w) largest absolute sums along lines in the cells of an (h cell, w cell) field, times
+    weights (DIRECTIONS * LENGTHS,); directions of weight 0 take no time.
     """
     rows, columns = (side // cell for side in field.shape)
     highest = np.empty((rows, columns), np.float32)

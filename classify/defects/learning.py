@@ -60,10 +60,8 @@ def tile_maxima(response: FloatMap, valid: npt.NDArray[np.bool_]) -> Floats:
 
 
 def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
-    """(m,) values that a share of good parts exceeds anywhere, from (parts, m, tiles) maxima.
-
-    A generalised Pareto distribution, fitted by probability-weighted moments (Hosking and Wallis
-    1987) to the highest tile maxima of all parts, is extrapolated to the tiles of one part.
+    """(m,) values that a share of good parts exceeds, from (parts, m, tiles) maxima: a generalised
+    Pareto tail by probability-weighted moments (Hosking and Wallis 1987).
     """
     parts, count, _ = maxima.shape
     ordered = np.sort(np.moveaxis(maxima, 1, 0).reshape(count, -1))
@@ -255,12 +253,8 @@ Box = tuple[int, int, int, int]
 
 
 class FixedMarks:
-    """Looks for a mark that all good parts have at one place of the frame.
-
-    The parts of a texture are pieces from anywhere, so the local statistics of one place are
-    independent of each other. Those of each part are replaced by their normal scores (van der
-    Waerden 1952), and the sum over n parts, divided by sqrt(n), has a normal distribution. It is
-    compared with the whole frame, because captures of one and the same part are alike everywhere.
+    """Looks for a mark that all good parts have at one place, by sums of normal scores (van der
+    Waerden 1952) against the whole frame.
     """
 
     def __init__(self) -> None:

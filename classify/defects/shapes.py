@@ -36,10 +36,7 @@ def bump(diameter_px: float, along: Image, across: Image) -> Shape:
 
 
 def scratch(length_px: float, width_px: float, along: Image, across: Image) -> Shape:
-    """Depth of a groove between two ridges: (1 - u^2) exp(-u^2 / 2) across it.
-
-    u counts in half widths of the groove, from its ground to where it is as high as the surface.
-    """
+    """Depth (1 - u^2) exp(-u^2 / 2) of a groove between two ridges, u in half widths across it."""
     half_px = 0.5 * width_px
     u = across / half_px
     bell = np.exp(-0.5 * u * u)

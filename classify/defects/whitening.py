@@ -42,10 +42,8 @@ HalfSpectrum = npt.NDArray[np.complex64]
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Power of relief and albedo, (n, n) float64 each, zero frequency in the middle.
-
-    In the frame of the texture: orientation 0, x to the right, y up along falling rows. The relief
-    is the slope along the wave vector, which no curl enters.
+    """Power of relief (slope along the wave vector) and albedo, (n, n) float64, zero frequency in
+    the middle, at orientation 0 with y up.
     """
 
     relief: _Power
@@ -102,10 +100,8 @@ def mean_spectrum(spectra: Sequence[Spectrum]) -> Spectrum:
 def white_spectra(
     fields: PartFields, gains: FloatMap, orientation_deg: float
 ) -> tuple[tuple[HalfSpectrum, HalfSpectrum], tuple[HalfSpectrum, HalfSpectrum]]:
-    """Half spectra of relief and albedo, divided by the root of their power, and by their power.
-
-    Raised and bright places are positive. `gains` are in the frame of the texture; the part is
-    rotated by `orientation_deg` from it.
+    """Half spectra of relief and albedo of a part at `orientation_deg`, divided by the root of
+    their power, and by their power; raised and bright places are positive.
     """
     shape = fields.p.shape
     p, q, a = map_in_threads(scipy.fft.rfft2, [fields.p, fields.q, fields.albedo])

@@ -78,10 +78,7 @@ def embedding(distances: Floats, dissimilarities: Floats) -> Floats:
 def groups_alike(
     rows: Sequence[TrainingRow], tests: Sequence[Observation], segment_px: int, apart: float
 ) -> list[int]:
-    """Group of each of two or more sets, by average linkage up to the distance `apart`.
-
-    `rows` and `tests` are observations of the same sets, for training and for matching.
-    """
+    """Group of each of two or more sets, by average linkage up to the distance `apart`."""
     names = [str(number) for number in range(len(rows))]
     library = TextureLibrary.from_observations(
         [row._replace(label=name) for row, name in zip(rows, names, strict=True)], segment_px

@@ -86,10 +86,8 @@ def light_agreement(
     full_scale: float,
     noise: SensorNoise | None,
 ) -> LightAgreement:
-    """Compare the (4, H, W) images of four lights, in the order of the lighting.
-
-    The redundancy residual sum_k nul_k i_k is fitted by LED levels over the frame and its halves; a
-    larger residual in rows, columns or bands comes from torn, mixed or wrong frames.
+    """Compare (4, H, W) images by the redundancy residual sum_k nul_k i_k, fitted by LED levels; a
+    larger one in rows, columns or bands comes from torn, mixed or wrong frames.
     """
     _, null = drop_one_constants(lighting, "light_agreement")
     rows, columns = images.shape[1:]
@@ -193,9 +191,8 @@ def _weigh(
     squares: FloatMap, variance: FloatMap, full_scale: np.float32,
     noises: FloatMap, lit: BoolArray,
 ) -> None:  # fmt: skip
-    """Turn values (4, R, C) into terms of a `_Comparison`; write `noises` and `lit`.
-
-    The variance of a pixel value is `squares` (4,) times a + b (value - black).
+    """Turn values (4, R, C), of variance `squares` (4,) times a + b (value - black), into terms;
+    write `noises` and `lit`.
     """
     rows, columns = dark.shape
     a, b, black = variance

@@ -148,9 +148,8 @@ def _read(
 
 @kernel
 def _ranked(values: Array, share: float) -> np.float32:
-    """The value that exceeds a share of the finite ones, none negative, to 1 in 8192; else 0.
-
-    Floats of one sign have the order of their bits: the first 21 are found, by counting.
+    """The value that exceeds a share of the finite ones, none negative, to 1 in 8192 (floats have
+    the order of their bits); else 0.
     """
     bits, prefix, rank = values.reshape(-1).view(np.uint32), np.uint32(0), -1
     for shift, digits in ((20, 11), (10, 10)):
@@ -175,10 +174,8 @@ def _refine(
     values: Array, usable: Array, x: Array, y: Array, basis: Array, i: Array, j: Array,
     coefficients: Array, means: Array, weights: Array,
 ) -> None:  # fmt: skip
-    """Weighted least squares of the residuals, repeated until they vanish.
-
-    Relief makes all steps too short by about one factor: it is estimated from the last two steps,
-    and the next one is that much longer (Irons and Tuck 1969).
+    """Weighted least squares of the residuals until they vanish, each step made longer by the ratio
+    of the last two, because relief shortens all (Irons and Tuck 1969).
     """
     factor, previous_step = 1.0, np.zeros((len(i), len(values)))
     for step_number in range(_ROUNDS):
@@ -211,10 +208,8 @@ def _find_means(
 def _find_residuals(
     values: Array, usable: Array, factors: Array, x: Array, residuals: Array, squares: Array
 ) -> None:
-    """Write the residuals: ratio of a value to the mean of all lights, minus 1.
-
-    `factors` (N, n, 5) are of the polynomial in each row, `squares` (n, n) the means over the
-    lights, infinite where a sample is not usable or may be in shadow.
+    """Write value / mean of all lights - 1 by `factors` (N, n, 5) of each row and means `squares`
+    (n, n), infinite where not usable.
     """
     lights, rows, columns = values.shape
     zero, one, share = np.float32(0.0), np.float32(1.0), np.float32(1.0 / lights)

@@ -24,9 +24,8 @@ _INTERVALS = 64
 
 @dataclass(frozen=True, eq=False)
 class FlatField:
-    """Strength of each light over a plane, relative to one value for all lights.
-
-    Coordinates are relative to the middle of the frame, in half of its longer side; y points up.
+    """Strength of each light relative to one value for all, over coordinates in half of the longer
+    side from the middle of the frame, y up.
     """
 
     coefficients: Floats  # (N, T, T) of y^i x^j in the logarithm of the strength, T at most 7
@@ -101,9 +100,8 @@ class FlatField:
         return self.times(np.exp(np.log(cosines).mean()) / cosines)
 
     def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
-        """Subtract the ambient image, divide by the strength of the light, and add it again.
-
-        Pixels that reach `full_scale` get the value `saturation`; the images become float32.
+        """Divide by the strength of the light, less the ambient image, in float32; pixels that
+        reach `full_scale` get `saturation`.
         """
         return DividedStack(stack.images, stack.ambient, self, full_scale).materialised()
 
@@ -157,9 +155,8 @@ _Row = tuple[_Float, _Float, _Float, _Float, _Float, _Float, _Float]
 
 @kernel
 def exponential(e: np.float32) -> np.float32:
-    """Exponential with error 2e-6 for |e| < 1, 2e-4 for |e| < 4: compilers do not vectorise exp.
-
-    It is a Taylor polynomial of exp(e / 16), squared four times.
+    """Taylor polynomial of exp(e / 16) squared four times, which compilers vectorise: error 2e-6
+    for |e| < 1, 2e-4 for |e| < 4.
     """
     one, half, third = np.float32(1.0), np.float32(1.0 / 2.0), np.float32(1.0 / 3.0)
     u = np.float32(1.0 / 16.0) * e

@@ -118,11 +118,8 @@ def residual_spread(values: FloatMap, null: Floats) -> float:
 def level_corrections(
     lit: LitSamples, gains: FloatMap, variance: FloatMap, lighting: Lighting
 ) -> FloatMap:
-    """Find factors (4,) of mean 1 for images whose levels are not known; 1 if not needed.
-
-    They are those of `fit_levels` where these leave noise only, else those of a part that is level
-    on average; `variance` (3,) is a, b and black of the variance a + b (value - black) of a pixel
-    value.
+    """Factors (4,) of mean 1 for images of unknown levels: of `fit_levels`, else of a part that is
+    level on average; `variance` (3,) is a, b, black of a + b (value - black).
     """
     equal = np.ones(4, np.float32)
     values, count = lit.values, lit.values.shape[1]
@@ -155,10 +152,8 @@ def _levels_of_a_level_part(
     null: Floats,
     directions: Floats,
 ) -> Floats:
-    """Levels (4,) of the lights, from the brightness of their images.
-
-    Median log ratios are x = g + A t with levels g and a mean slope t of the part, A = -l_xy / l_z;
-    g is estimated for normal g and t, with the variance of the redundancy residual that x removes.
+    """Levels (4,) g of median log ratios g + A t with A = -l_xy / l_z, for normal levels g and mean
+    slopes t of the part.
     """
     vertical = directions[:, 2]
     logarithms = np.log(values / vertical.astype(np.float32)[:, None])

@@ -60,10 +60,8 @@ def middle_px(count: int) -> FloatMap:
 def sheet_of(
     lighting: Lighting, shape: tuple[int, int], lobe_exponent: float | None = None
 ) -> FlatField:
-    """The images of a white matt sheet under near lights, as a flat field.
-
-    Inverse square, Lambert's law and a lobe cos^m that points to the middle of the frame, where the
-    values have the geometric mean 1.
+    """The white matt sheet under near lights: inverse square, Lambert's law and a lobe cos^m to the
+    middle, where the geometric mean is 1.
     """
     positions, half = lighting.positions_px, 0.5 * max(shape)
     assert positions is not None

@@ -63,11 +63,8 @@ def light_order(
     ambient: Array | None = None,
     full_scale: float | None = None,
 ) -> _LightOrder:
-    """Test by four linear images (4, H, W) whether the lights were in this order.
-
-    A matt surface has a redundancy residual sum_k nul_k i_k and a curl dp/dy - dq/dx of zero only
-    in the true order or in that rotated by 180 degrees; the misfit is the sum of the logs of their
-    mean absolute values: minus the log likelihood for Laplace errors.
+    """Test whether linear images (4, H, W) have this order of lights (or 180 degrees off), by the
+    log likelihood of residual sum_k nul_k i_k and curl dp/dy - dq/dx under Laplace errors.
     """
     if len(lighting) != 4:
         raise InputError(f"the order of {len(lighting)} lights cannot be tested; give 4")
@@ -191,9 +188,8 @@ def _misfits_of_orders(
 def _mean_misfits(
     shares: FloatMap, means: FloatMap, lit: BoolArray, inner: BoolArray, weight: FloatMap
 ) -> tuple[float, float]:
-    """Mean absolute deviations of residual and curl from their means, over `lit` and `inner`.
-
-    `shares` (4, H, W) have `means` (4,); `weight` (4, 4) gives the scaled normal and the residual.
+    """Mean absolute deviations of residual and curl over `lit` and `inner`, from `shares` (4, H, W)
+    of `means` (4,); `weight` (4, 4) gives scaled normal and residual.
     """
     rows, columns = lit.shape
     none, one = np.float32(0.0), np.float32(1.0)

@@ -173,9 +173,8 @@ def coarser(moments: FloatMap) -> FloatMap:
 
 
 def window_moments(moments: FloatMap, cells: int) -> FloatMap:
-    """(h, w, MOMENTS) means over windows of that many cells, which half overlap if they can.
-
-    A part that is no multiple of half a window keeps a margin without windows at its far sides.
+    """(h, w, MOMENTS) means over windows of that many cells, half overlapping, without a margin at
+    the far sides.
     """
     means = cv2.blur(moments, (cells, cells), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE)
     rows, columns = (side - cells + 1 for side in moments.shape[:2])
@@ -184,11 +183,8 @@ def window_moments(moments: FloatMap, cells: int) -> FloatMap:
 
 
 def window_features(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> FloatMap:
-    """(n, FEATURES) float32 features of (..., MOMENTS) moments, in the frame of the texture.
-
-    Logarithms of the root mean square of slopes and log albedo in the finest octave; for each other
-    octave that of the slopes, their second and fourth harmonics over their direction, and that of
-    the log albedo; the mean of the log albedo, and the mean slope.
+    """(n, FEATURES) float32 in the frame of the texture: log rms of slopes and log albedo, second
+    and fourth harmonics of slopes by octave, mean log albedo and slope.
     """
     flat = np.moveaxis(moments.reshape(-1, MOMENTS) + floors, -1, 0)
     half = np.float32(0.5)

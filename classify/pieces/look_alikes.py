@@ -36,9 +36,8 @@ class LookAlikes:
 
     @classmethod
     def of(cls, windows: Sequence[FloatMap], columns: Sequence[int]) -> tuple[Self, list[FloatMap]]:
-        """Learn from the (n, FEATURES) windows of each good part, by the given features.
-
-        Returns the model, and the scores of each part by the windows of the others.
+        """Learn from the (n, FEATURES) windows of good parts; return the model, and the scores of
+        each part by the others.
         """
         features = np.concatenate(windows)
         chosen = features[:, columns]

@@ -44,9 +44,8 @@ _MIN_VARIANCE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class _LinearMeasure:
-    """How far the features of a part lie along a direction: (features - origin) @ weights.
-
-    A part at `origin` measures 0, and one at `origin` + direction measures 1.
+    """How far features lie along a direction, (features - origin) @ weights: 1 at origin +
+    direction.
     """
 
     origin: Floats  # (d,)
@@ -54,9 +53,8 @@ class _LinearMeasure:
 
     @classmethod
     def of(cls, good: Floats, direction: Floats, origin: Floats | None = None) -> Self:
-        """Weights of the direction with the least variance on (n, d) good parts (Fisher 1936).
-
-        `origin` is by default the mean of the good parts.
+        """Weights of the direction with the least variance on (n, d) good parts (Fisher 1936);
+        `origin` is their mean.
         """
         middle = good.mean(axis=0)
         deviations = good - middle
@@ -75,9 +73,8 @@ class _LinearMeasure:
 
 
 def scale_measure(good: Floats, direction: Floats) -> tuple[_LinearMeasure, Floats]:
-    """Measure of the logarithm of the scale, and the left-out measure of each good part.
-
-    `direction` is the change of the features by a scale of e.
+    """Measure of the logarithm of the scale by its `direction`, and the left-out measure of good
+    parts.
     """
     left_out = [
         _LinearMeasure.of(np.delete(good, n, axis=0), direction).of_part(part)
@@ -103,10 +100,8 @@ def octave_levels(moments: FloatMap) -> Floats:
 
 
 def pseudo_scalars(moments: FloatMap) -> Floats:
-    """Numbers of a part that a rotation keeps, and that change their sign in a mirror.
-
-    Angles between the directions of two octaves, or of relief and albedo: with u and v of equal
-    spin, the imaginary part of conj(u) v, of cells and of means over the part.
+    """Imaginary parts of conj(u) v of equal spin, of two octaves or of relief and albedo: rotations
+    keep them, a mirror changes their sign.
     """
     squares, fourths, albedos = [], [], []
     for octave in range(OCTAVES):

@@ -82,9 +82,8 @@ def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> 
 
 
 def _joints(planes: FloatMap, floors: FloatMap, directions: Floats) -> FloatMap:
-    """Log energy of slopes across a line through the spot: the lesser of its two ends.
-
-    A joint that crosses the spot has this energy at both ends.
+    """Log energy of slopes across a line through the spot: the lesser of its ends, which a joint
+    has at both.
     """
     energies, even, odd = np.split(planes, 3)
     shape = [side - 2 * _MARGIN for side in planes.shape[1:]]
@@ -162,9 +161,8 @@ def _ring(radius: float) -> tuple[FloatMap, FloatMap, FloatMap]:
 
 @dataclass(frozen=True, eq=False)
 class SpotModel:
-    """Linear map from the values of a spot to its k departures and their log sizes.
-
-    The departures are from the prediction by the surroundings, in units of their limits.
+    """Linear map from the values of a spot to its k departures from the surroundings, in their
+    limits, and log sizes.
     """
 
     weights: FloatMap  # (SPOT_VALUES, 2 k)

@@ -122,9 +122,8 @@ def _curvature(
 def _fitted_planes(
     weight: FloatMap, fields: tuple[FloatMap, ...], scale_px: float, reach: int
 ) -> list[tuple[FloatMap, FloatMap, FloatMap]]:
-    """Value, x slope and y slope of the plane fitted to each field around each pixel.
-
-    Weighted least squares in closed form; the fields are zero where `weight` is zero.
+    """Value, x and y slope of the weighted least squares plane around each pixel of fields that are
+    0 at weight 0.
     """
     offset = np.arange(-reach, reach + 1, dtype=np.float32)
     g0 = np.exp(-0.5 * (offset / np.float32(scale_px)) ** 2)

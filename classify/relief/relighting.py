@@ -24,10 +24,8 @@ _NO_HORIZON = -1e30
 
 
 def cast_shadow(height: FloatMap, direction: npt.ArrayLike) -> BoolArray:
-    """(H, W) points of a height in px that the rest of the surface hides from the light.
-
-    x is shadowed if z(x + d) - z(x) > d cot(slant) for some d > 0 along the light's azimuth, by the
-    running maximum of z - d cot(slant); `direction` has x right, y up, z > 0 towards the camera.
+    """(H, W) points x of a height in px in shadow: z(x + d) - z(x) > d cot(slant) along the azimuth
+    of `direction` (x right, y up, z > 0).
     """
     light = np.asarray(direction, dtype=np.float64)
     if np.ndim(height) != 2 or light.shape != (3,):
@@ -82,9 +80,8 @@ def _horizons(
     first_line: int, last_line: int, height: Array, rows_per_col: float, rise_per_col: float,
     row_of_line_0: int, horizon: Array,
 ) -> None:  # fmt: skip
-    """Horizon of a light towards the last column, along lines through the grid.
-
-    Line k crosses column c at row row_of_line_0 + k + c rows_per_col.
+    """Horizon towards the last column on line k, which crosses column c at row_of_line_0 + k + c
+    rows_per_col.
     """
     rows, cols = height.shape
     for k in range(first_line, last_line):
@@ -163,10 +160,8 @@ _MIN_SHADOW = 0.01
 
 
 def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
-    """Yield three estimates of the same pixels, as if the part were rotated under its lights.
-
-    The rotations are 1/4, 2/4 and 3/4 of the angle between lights. Nothing is yielded without
-    lighting, by PS3, or where less than 1 % of the surface is in shadow.
+    """Yield three estimates with the part rotated by quarters of the angle between lights; none
+    without lighting, by PS3, or under 1 % of shadow.
     """
     lighting = surface.lighting
     # PS3 chooses lights by their tilt: rotated, it would choose others.

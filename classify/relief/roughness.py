@@ -133,10 +133,8 @@ _MIN_DIVISOR = 1e-12
 
 @dataclass(frozen=True)
 class RoughnessUncertainty:
-    """Parameters without the bias of noise, with expanded uncertainties (k = 2).
-
-    Units as in `Roughness`. `height_sd_px` is the standard deviation of the difference of two
-    heights by slope noise, by their distance in px.
+    """Parameters without noise bias, and expanded uncertainties (k = 2), in units of `Roughness`;
+    `height_sd_px` is of height differences by distance in px.
     """
 
     corrected: Roughness
@@ -238,11 +236,8 @@ class _CommonError:
 def common_error(
     surface: SurfaceEstimate, lights: CalibratedLights, response_error: float = 0.0
 ) -> _CommonError:
-    """Propagate the standard errors of calibrated lights, and of the response.
-
-    `response_error` is a share of full scale. With L' the true lights, the images of b are L' b,
-    and the solution is L+ L' b. The misfit of the lights, which includes that of the flat field,
-    counts as an error of their levels.
+    """Propagate errors of lights, b' = L+ L' b with the misfit as levels, and of the response (a
+    share of full scale).
     """
     lighting = surface.lighting
     assert lighting is not None

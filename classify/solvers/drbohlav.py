@@ -16,11 +16,8 @@ from .strips import solve_strips
 
 
 def solve_drbohlav(problem: Problem) -> Maps:
-    """Least squares without inconsistent values; four lights or more.
-
-    After Drbohlav and Leonardis (1998) and Barsky and Petrou (2003): four light vectors are
-    linearly dependent, l_k = sum c_j l_j, and so are the values of a Lambertian pixel without
-    shadow or highlight.
+    """Least squares without values that break the linear dependence of four lights (Drbohlav and
+    Leonardis 1998, Barsky and Petrou 2003).
     """
     count = len(problem.lighting)
     if count < 4:
@@ -47,10 +44,8 @@ def solve_drbohlav(problem: Problem) -> Maps:
 
 
 def residual_limits(lights: int) -> FloatMap:
-    """(N + 1,) limits of the squared residuals over the noise variance, for n = 0 to N lights.
-
-    99.7 % quantiles of chi-squared with n - 3 degrees of freedom; infinite up to n = 3, where every
-    pixel is fitted exactly.
+    """(N + 1,) limits of squared residuals over the noise variance: 99.7 % of chi-squared of n - 3
+    degrees, infinite up to n = 3.
     """
     limits = [np.inf if n < 4 else chi_squared(n - 3, BEYOND_NOISE) for n in range(lights + 1)]
     return np.array(limits, np.float32)
@@ -64,10 +59,8 @@ def _drop_inconsistent(
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
     dropped: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Solve rows from all lights, or without those that are inconsistent.
-
-    `noise` (3,) is a, b and black of the variance a + b (value - black). `ambient` has one row or
-    as many as the images.
+    """Solve rows without inconsistent lights; `noise` (3,) is a, b, black of a + b (value - black),
+    `ambient` one row or all.
     """
     count = len(images)
     rows, columns = p.shape
@@ -225,10 +218,8 @@ def _least_consistent(
     directions: Array, errors: Array, eligible: Array,
     inverse: tuple[float, float, float, float, float, float], smallest_rest: float,
 ) -> int:  # fmt: skip
-    """The light whose absence gives the smallest residuals; -1 for none.
-
-    `inverse` is the upper half of (L^T L)^-1 with the values off the diagonal doubled,
-    `smallest_rest` the smallest 1 - h with which the other lights determine the normal.
+    """The light without which residuals are smallest, -1 for none, by the half (L^T L)^-1 with
+    doubled off-diagonals; 1 - h is at least `smallest_rest`.
     """
     xx, xy, xz = np.float32(inverse[0]), np.float32(inverse[1]), np.float32(inverse[2])
     yy, yz, zz = np.float32(inverse[3]), np.float32(inverse[4]), np.float32(inverse[5])

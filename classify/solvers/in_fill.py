@@ -34,9 +34,8 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
-    """Complete the maps in place where `Maps.unlit` is not 0.
-
-    Pixels in two unsaturated lights become valid; pixels in fewer lights stay invalid.
+    """Complete the maps in place where `Maps.unlit` is not 0; pixels in two unsaturated lights
+    become valid.
     """
     unlit = maps.unlit
     assert unlit is not None
@@ -107,10 +106,8 @@ def _squares(shape: tuple[int, int]) -> Indices:
 
 @lru_cache(maxsize=8)
 def _lines_of_two_lights(lighting: Lighting) -> tuple[FloatMap, FloatMap]:
-    """(6, 3, 2) solutions and (7, 3) unit directions d of the lines of two lights.
-
-    b0 = solutions[pair] (i_j, i_k) is that of the pseudo-inverse; d_z >= 0; the last d, 0, is no
-    line.
+    """(6, 3, 2) pseudo-inverses b0 = solutions[pair] (i_j, i_k) and (7, 3) unit directions d, d_z
+    >= 0, of two lights; the last is no line.
     """
     first, second = lighting.directions[_FIRST], lighting.directions[_SECOND]
     cosines = (first * second).sum(axis=1, keepdims=True)

@@ -261,9 +261,8 @@ def judge_row(
     bx: Array, by: Array, bz: Array, floors: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
-    """Write the maps of row r from its scaled normals; `dark` is its ambient row.
-
-    A slope is valid where bz^2 >= `floors` rho and at least three of the lights are out of shadow.
+    """Write the maps of row r: slopes are valid if bz^2 >= `floors` rho and three lights are out of
+    shadow.
     """
     columns = p.shape[1]
     zero = np.float32(0.0)

@@ -167,9 +167,7 @@ def _median(values: FloatMap) -> FloatMap:
 
 
 def slope_noise(weights: Array) -> np.float32:
-    """Factor c of the rule b_z^2 >= c sigma rho of valid slopes, where b = weights i.
-
-    From p = -b_x / b_z the standard error of a slope is about sigma |weights| rho / b_z^2; at most
-    0.5.
+    """Factor c, at most 0.5, of valid slopes b_z^2 >= c sigma rho, from the standard error sigma
+    |weights| rho / b_z^2 of p.
     """
     return np.float32(np.linalg.norm(weights, axis=1).max() / _MAX_SLOPE_ERROR)

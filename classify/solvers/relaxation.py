@@ -46,10 +46,8 @@ _Vector4 = tuple[np.float32, np.float32, np.float32, np.float32]
 def neighbour_weights(
     p: Array, q: Array, albedo: Array, unlit: Array, squares: Array
 ) -> tuple[np.float32, np.float32]:
-    """Weights of a relative step of albedo and of a curl, relative to a step of slope.
-
-    Each is the inverse mean square over the solved pixels of `squares` (n, 2), lowest row and
-    column.
+    """Weights of steps of albedo and curl against slope: inverse mean `squares` (n, 2) over solved
+    pixels.
     """
     slope, relative, curl, count = 0.0, 0.0, 0.0, 0
     for r, c in squares:
@@ -136,9 +134,8 @@ def _downhill(
     P: np.float32, Q: np.float32, A: np.float32,
     slope_weight: np.float32, albedo_weight: np.float32,
 ) -> _Vector4:  # fmt: skip
-    """Shorten a move of t that leaves the allowed part of a line, or overshoots.
-
-    Returns the move, and slopes and albedo after it.
+    """Shorten a move of t that leaves its line or overshoots; return it, with slopes and albedo
+    after it.
     """
     relative = albedo_weight / (A * A)
     error = slope_weight * ((p - P) ** 2 + (q - Q) ** 2) + relative * (rho - A) ** 2
@@ -179,10 +176,8 @@ def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
 def relax(
     unsolved: Unsolved, albedo_weight: np.float32, curl_weight: np.float32, strip_px: int
 ) -> None:
-    """Smooth the values of the unsolved pixels, all of them at once in each step.
-
-    Chebyshev semi-iteration (Golub and Varga 1961) towards the minimum of `link`: as fast as over-
-    relaxation, but without an order of the pixels, which would prefer a direction.
+    """Smooth unsolved pixels all at once to the minimum of `link`, by Chebyshev semi-iteration
+    (Golub and Varga 1961), which prefers no direction.
     """
     # Largest eigenvalue of the iteration: 2 for the steps between neighbours, 4 for the curl.
     largest = (2.0 + 16.0 * float(curl_weight)) / (1.0 + 4.0 * float(curl_weight))

@@ -48,9 +48,8 @@ _TINY = np.float32(1e-30)
 
 
 def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
-    """Least squares of four lights, without the light to blame where they disagree.
-
-    Intensities that were not given are estimated first, and the lighting of the result holds them.
+    """Least squares of four lights without the one to blame, after estimating intensities that were
+    not given.
     """
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
     shape = problem.shape

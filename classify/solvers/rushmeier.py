@@ -38,11 +38,8 @@ def _drop_extremes(
     saturation: np.float32, noise_floor: np.float32, inverses: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array, dropped: Array,
 ) -> None:  # fmt: skip
-    """Solve rows without the lowest and the highest value of each pixel (the mean of ties).
-
-    `inverses` (N, N, 3, 3) holds at [j, k] the inverse of L^T L without lights j and k, NaN where
-    singular, and at [k, k] that of all. Saturated lights count as the highest, however many they
-    are.
+    """Solve rows without lowest and highest value, by inverses (N, N, 3, 3) of L^T L less lights j
+    and k; saturated ones count as highest.
     """
     rows, columns = p.shape
     floors = np.full(columns, noise_floor)

@@ -113,9 +113,8 @@ def _subtract_excess(
     weights: Array, plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
     dark: Array, images: Array, inner: Array,
 ) -> None:  # fmt: skip
-    """Find b . X by least squares, and subtract `excess` times it from the images.
-
-    b' = weights i; `weights` (3, N) contain the gains. Values of `saturation` are kept.
+    """Find b . X by least squares, `weights` (3, N) with the gains, and subtract `excess` times it;
+    `saturation` is kept.
     """
     cx, cy, _ = plane
     one = np.float32(1.0)
@@ -203,10 +202,8 @@ def solve_strips(
     *,
     from_all_lights: bool = False,
 ) -> None:
-    """Solve a frame into its maps, judge its dark pixels, and correct for near lights.
-
-    `solve(stack, maps, first, last)` writes rows of the maps, of the frame or of strips of
-    `strip_px`; methods that fill in call `correct_for_near_lights` when they are done.
+    """Solve a frame by `solve(stack, maps, first, last)`, judge its dark pixels, and correct for
+    near lights, which methods that fill in do themselves.
     """
     rows, done = problem.shape[0], list[int]()
     # The threads would each compute them.

@@ -75,9 +75,8 @@ def link(
 
 
 def neighbour_factors(curl_weight: np.float32) -> Array:
-    """(8, 4) factors of the neighbours in the minima of p, q and albedo; see `link`.
-
-    In order: of p and of q in the minimum of p, of q in that of q, of albedo in that of albedo.
+    """(8, 4) factors of the neighbours of `link`: p and q in the minimum of p, q in that of q,
+    albedo in its own.
     """
     curl = float(curl_weight)
     vertical, horizontal = 0.25 + 2.0 * curl, 0.25 - 2.0 * curl

@@ -268,10 +268,8 @@ def write_completed(
     pixels: Array, p: Array, q: Array, albedo: Array, solved: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
-    """Write the deviations of completed slopes at these flat indices.
-
-    Their variance is the mean squared step around, times one more than the distance to a solved
-    pixel; 1 where none is within `_FARTHEST_PX`.
+    """Write deviations at completed indices: squared step around times one more than the distance
+    to a solved pixel, 1 beyond `_FARTHEST_PX`.
     """
     rows, columns = p.shape
     for pixel in pixels:

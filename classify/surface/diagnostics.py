@@ -21,9 +21,8 @@ def fit_residual(
     images: Array, ambient: Array, gains: Array, weights: Array, directions: Array,
     plane: Array, excess: Array, x: Array, y: Array, residual: Array,
 ) -> None:  # fmt: skip
-    """Rms difference between the lights and the least squares surface, b' = weights i.
-
-    `plane`, `excess`, x and y are those of `near_light`.
+    """Rms difference from the least squares surface b' = weights i; plane, excess, x, y as in
+    `near_light`.
     """
     lights = images.shape[0]
     rows, columns = residual.shape
@@ -63,9 +62,8 @@ def compare_with_prediction(
     p: Array, q: Array, albedo: Array, determined: Array, limits: Array,
     shadow_count: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Count shadows and mark highlights (from `limits[k]` on) by the predicted values.
-
-    Only where a slope is `determined`; the prediction is b . (l - X / R), see `near_light`.
+    """Count shadows and mark highlights from `limits[k]` on, where `determined`, by the prediction
+    b . (l - X / R).
     """
     rows, columns = p.shape
     one = np.float32(1.0)

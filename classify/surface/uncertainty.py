@@ -51,10 +51,8 @@ _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
 def with_deviations(
     surface: SurfaceEstimate, stack: ImageStack, taken: ImageStack, variance: FloatMap
 ) -> SurfaceEstimate:
-    """Return the surface with the standard deviations of its maps.
-
-    `stack` was solved, `taken` is the same before it was divided, and `variance` (3,) is a, b and
-    black of the variance a + b (value - black) of its pixel values.
+    """Add standard deviations to a surface of `stack`, which was `taken` before division, with
+    `variance` a, b, black of a + b (value - black).
     """
     lighting = surface.lighting
     assert lighting is not None
@@ -146,9 +144,8 @@ def _significant(values: Array) -> Floats:
 
 
 def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
-    """Model errors of an image: variance as a share of the squared brightness, and gloss.
-
-    The first on an (m, n) grid; the second as strengths of the lobes of `_lobes`.
+    """Model errors of an image on an (m, n) grid, as a share of squared brightness, and strengths
+    of the lobes of `_lobes`.
     """
     surface, lighting = solution.surface, solution.surface.lighting
     assert lighting is not None
@@ -216,10 +213,8 @@ def _lobes(towards: Array, p: FloatMap, q: FloatMap) -> FloatMap:
 
 
 def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
-    """Strengths of the lobes that explain residuals best; 0 if none does.
-
-    `shapes` (powers, N, n) are the residuals of the lobes. Of lobes that explain as much, the mean
-    of the sharper half is taken: a broad lobe is hardly told from a matt surface.
+    """Strengths of the sharper half of the lobes (powers, N, n) that explain residuals equally
+    well, 0 if none does: broad ones look matt.
     """
     products = (weights * (shapes * residuals).sum(axis=1)).sum(axis=1)
     squares = (weights * np.square(shapes).sum(axis=1)).sum(axis=1)

@@ -142,9 +142,8 @@ def path_products(
 def least_on_path(
     squares: Any, products: Any, penalty: np.float32
 ) -> tuple[np.float32, np.float32]:
-    """Least squared distance plus penalty on a piecewise linear path, and its variance.
-
-    Each segment is a parabola: its minimum is where the path is nearest to the origin.
+    """Least squared distance plus penalty on a path of straight segments, each a parabola; and its
+    variance.
     """
     zero = np.float32(0.0)
     least, variance = squares[2], zero

@@ -32,10 +32,8 @@ _Complex = npt.NDArray[np.complex128]
 
 @kernel
 def add_row(x_row: Array, y_row: Array, z_row: Array, a_row: Array, sums: Array) -> None:
-    """Add |g|^2, then real and imaginary parts of the moments, to the sums of each column.
-
-    `sums` are of `TILE` columns after `TILE` columns: at fixed distances compilers know that they
-    do not overlap.
+    """Add |g|^2 and the moments to the sums of `TILE` columns, at fixed distances, which compilers
+    vectorise.
     """
     three = np.float32(3.0)
     for tile in range(len(x_row) // TILE):

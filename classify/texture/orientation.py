@@ -26,10 +26,8 @@ STEP_DEG = 180.0 / ANGLES
 def squared_errors_by_shift(
     test: npt.NDArray[np.floating], references: npt.NDArray[np.floating]
 ) -> Floats:
-    """(n, A) sums over theta of (test(theta + phi) - reference(theta))^2 by phi.
-
-    By circular cross-correlation along the last axis by FFT (thesis section 6.4.6); entry j is for
-    a reference shifted anticlockwise by j steps of the grid.
+    """(n, A) sums of (test(theta + phi) - reference(theta))^2 by phi, by FFT (thesis 6.4.6); entry
+    j shifts the reference by j steps anticlockwise.
     """
     between = tuple(range(1, references.ndim - 1))
     cross = np.fft.rfft(test.astype(np.float64)) * np.conj(

@@ -31,11 +31,8 @@ def require_segment(shape: tuple[int, ...], side: int) -> None:
 
 
 def segment_powers(fields: TextureFields, side: int) -> FloatMap:
-    """Mean spectra (side, 6, side // 2 + 1) of overlapping segments, by wave vector.
-
-    They are |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A* and Im Q A*. The thesis does
-    not specify the window: here a circular Hann window, which unlike a square one rotates with the
-    surface.
+    """Mean (side, 6, side // 2 + 1) of |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A*, Im
+    Q A* under a round Hann window, which rotates with the surface.
     """
     require_segment(fields.shape, side)
     rows, columns = (_starts(length, side) for length in fields.shape)
@@ -74,10 +71,7 @@ def _circular_hann(side: int) -> FloatMap:
 
 
 def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[Array]) -> FloatMap:
-    """Sum the powers of pairs of segments, using the same memory for every pair.
-
-    A complex transform holds two real planes: p and q of one segment, or albedo of both.
-    """
+    """Sum the powers of pairs of segments in the same memory: p and q of one, or albedo of both."""
     side, window_sum = len(window), window.sum()
     sums = np.zeros((side, _SPECTRA, side // 2 + 1), np.float32)
     # Slopes of (segment, row, column, Re and Im); albedo of both segments in one.

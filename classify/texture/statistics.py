@@ -109,10 +109,8 @@ def statistics_vector(
     albedo_floors: Floats,
     albedo_leaks: Floats | float = 0.0,
 ) -> Floats:
-    """(5, d) float64 statistics of order one, so that differences can be compared.
-
-    The (levels,) floors are variances that are added to the measured ones; `albedo_leaks` is the
-    share of the variance of relief that counts as variance of albedo.
+    """(5, d) float64 statistics of order one: variances plus (levels,) floors, `albedo_leaks` of
+    relief counted as albedo.
     """
     relief, albedo, relief_3, albedo_3, relief_4, albedo_4, both, _ = np.moveaxis(
         measured.moments, 2, 0

@@ -38,11 +38,8 @@ _SUFFICIENT_PIXELS = 256 * 256
 
 
 def unevenness(fields: TextureFields) -> float:
-    """Standard deviation of log energy between pieces, beyond what the windows in them explain.
-
-    A variance component of the one-way analysis (Searle, Casella and McCulloch 1992), mean over
-    relief and albedo at three octaves; 0 where pieces differ less than windows do. The median piece
-    counts, because an edge makes the windows of the pieces that it crosses differ as well.
+    """Standard deviation of log energy of the median piece beyond that of windows, a variance
+    component of one-way analysis (Searle, Casella and McCulloch 1992).
     """
     logs = _log_energies(fields).reshape(-1, _PIECES, _WINDOWS, _PIECES, _WINDOWS)
     within = np.median(logs.var(axis=(2, 4)), axis=(1, 2)) / (_WINDOWS**2 - 1)

@@ -52,10 +52,8 @@ class OpencvCameraConfig(VideoCameraConfig):
 
 
 class OpencvCamera:
-    """An open camera of ``cv2.VideoCapture``, whose frames a thread reads and numbers.
-
-    A frame is reported as exposed one exposure and one period before the arrival of the frame that
-    came n + 1 frames earlier, for n buffers: a buffer is filled again only after it was returned.
+    """A camera of ``cv2.VideoCapture``, whose n buffers date a frame: one exposure and period
+    before the arrival of the frame n + 1 earlier.
     """
 
     def __init__(self, config: OpencvCameraConfig) -> None:

@@ -22,9 +22,8 @@ class FrameSource(Protocol):
     def next_frame(
         self, max_late_periods: float, exposure_ms: float | None = None
     ) -> ServedFrame | None:
-        """Wait for a frame; None if it is late by more than `max_late_periods` periods.
-
-        `exposure_ms` is what the device is set to, None if it has no such control.
+        """Wait for a frame at the device's `exposure_ms` (None: no such control); None if it is
+        late by more than `max_late_periods` periods.
         """
 
 

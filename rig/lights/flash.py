@@ -57,9 +57,8 @@ def sha256(file: Path) -> str:
 
 
 def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> _Flashed:
-    """Put files on the MicroPython board at a serial port, and start them.
-
-    A running light controller is stopped first; any other program is interrupted.
+    """Put files on the MicroPython board at a serial port, and start them in place of the running
+    program.
     """
     if find_spec("mpremote") is None:
         raise InputError("flashing needs mpremote: pip install 'ps4rig[flash]'")

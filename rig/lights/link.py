@@ -91,9 +91,8 @@ class ControllerIdentity:
 
 
 class ControllerLink:
-    """An exclusively opened port on which a light controller has identified itself.
-
-    Until then nothing but an empty line and ``*IDN?`` is written.
+    """An exclusively opened port on which a light controller has identified itself; before, only an
+    empty line and ``*IDN?`` are written.
     """
 
     def __init__(

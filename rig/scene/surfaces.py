@@ -152,10 +152,8 @@ class PeriodicSurface:
         return spline_coefficients(np.stack([self.height, self.p, self.q, self.albedo]))
 
     def patch(self, view: View) -> SurfacePatch:
-        """Cut a square piece at a shifted centre, rotated about that centre.
-
-        patch(x) = tile(R(-rotate) x / magnification + shift), with x measured from the centre of
-        the frame. The gradients rotate with the surface: (p', q') = R (p, q).
+        """Cut a square, patch(x) = tile(R(-rotate) x / magnification + shift) about the centre;
+        gradients rotate too, (p', q') = R (p, q).
         """
         rows, cols = self.height.shape
         right, up = view.shift_px
@@ -198,9 +196,8 @@ def periodic_height(p: FloatMap, q: FloatMap) -> FloatMap:
 
 
 def round_band_limit(rows: int, cols: int) -> FloatMap:
-    """Low-pass (rows, cols // 2 + 1): 1 up to 0.40 cycles/px, a raised cosine down to 0 at 0.48.
-
-    The cubic spline is within 0.6 % up to 0.40 (`test_spline_error_between_pixels`).
+    """Low-pass (rows, cols // 2 + 1): 1 up to 0.40 cycles/px, where the cubic spline is within 0.6
+    %, a raised cosine down to 0 at 0.48.
     """
     frequency = np.hypot(fft.rfftfreq(cols)[None, :], fft.fftfreq(rows)[:, None])
     along = np.clip((frequency - 0.40) / (0.48 - 0.40), 0.0, 1.0)
@@ -234,10 +231,8 @@ _STRIP_PX = 1 << 14
 
 
 def spline_coefficients(channels: FloatMap) -> FloatMap:
-    """Cubic B-spline coefficients (2H, 2W, C) of periodic images (C, H, W) on a doubled grid.
-
-    The spline passes through the pixels; between them it is within 0.6 % rms of the band-limited
-    image at 0.4 cycles/px and within 0.01 % at 0.15.
+    """Cubic B-spline coefficients (2H, 2W, C) of periodic (C, H, W) through the pixels; rms error
+    between them 0.6 % at 0.4 cycles/px, 0.01 % at 0.15.
     """
     count, rows, cols = channels.shape
     # The B-spline's samples (1/6, 4/6, 1/6) have the transform (4 + 2 cos w) / 6; the

@@ -20,9 +20,8 @@ _EXPOSURE_STEP_MS = 0.0015
 
 
 class DeviceSimulation:
-    """A simulated rig in real time, behind a serial device or pseudo-terminal and a camera.
-
-    `served` is the kind of the camera and its place, as KIND:PLACE; None serves no camera.
+    """A simulated rig in real time behind a serial device or pseudo-terminal, and a camera `served`
+    at KIND:PLACE, if not None.
     """
 
     def __init__(self, config: RigConfig, *, serial: str | None, served: str | None) -> None:
@@ -79,9 +78,8 @@ class DeviceSimulation:
     def next_frame(
         self, max_late_periods: float, exposure_ms: float | None = None
     ) -> ServedFrame | None:
-        """Wait for a frame; None if it is late by more than `max_late_periods` periods.
-
-        Frames follow the camera's clock, so that delays do not add up.
+        """Wait for a frame by the camera's clock, so that delays do not add up; None if late by
+        more than `max_late_periods` periods.
         """
         simulation = self._simulation
         source = simulation.camera_with_faults

@@ -39,9 +39,8 @@ class SimulatedSet:
         led_levels: npt.ArrayLike | None = None,
         shadows: bool = True,
     ) -> SimulatedSet:
-        """Expose one image under each light, then the ambient image.
-
-        Without `shadows` the scene has no shadow and the sensor neither noise nor saturation.
+        """Expose one image under each light, then the ambient image; without `shadows`, no noise or
+        saturation either.
         """
         rng = np.random.default_rng(seed)
         expose = sensor.expose if shadows else sensor.expose_unclipped

@@ -192,11 +192,8 @@ def _pixel_values(camera: AravisCamera) -> dict[str, Any]:
 
 
 class DeviceClock:
-    """The camera's clock on the monotonic clock of this machine.
-
-    A frame arrives later than it was stamped, by the readout at least, and by more when the machine
-    is busy: the least difference of the last frames is that of the clocks. Without a stamp the
-    arrival counts.
+    """The camera's clock on this machine's, by the least delay of the last frames, as readout and
+    load only add to it; without a stamp the arrival counts.
     """
 
     # Some seconds: clocks of cameras differ by 50 ppm, which is 0.5 ms in 10 s.

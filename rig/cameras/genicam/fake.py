@@ -72,10 +72,8 @@ _FORMATS: dict[int, tuple[str, Callable[[Pixels], bytes]]] = {
 
 
 class FakeGigeCamera:
-    """Aravis' fake camera at an address of this machine, with the id ``Aravis-Fake-SERIAL``.
-
-    Its client sets size, rate, exposure and trigger. A thread of Aravis asks for a frame in each
-    period, or after each `trigger`.
+    """Aravis' fake camera ``Aravis-Fake-SERIAL`` at an address of this machine; a thread of Aravis
+    asks for frames.
     """
 
     place_help: ClassVar[str] = "ADDRESS, one of this machine"
@@ -145,10 +143,7 @@ class FakeGigeCamera:
         time.sleep(self._period_s)
 
     def trigger(self) -> None:
-        """A pulse at `TRIGGER_LINE`: an image is sent as soon as there is one.
-
-        Pulses that follow each other before Aravis looks count as one.
-        """
+        """A pulse at `TRIGGER_LINE` sends one image; pulses before Aravis looks count as one."""
         self._fake.write_register(_TRIGGER_REGISTER, 1)
 
     def close(self) -> None:

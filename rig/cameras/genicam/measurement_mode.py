@@ -119,9 +119,8 @@ class Settings:
 
 
 def set_measurement_mode(camera: AravisCamera, config: GenicamCameraConfig) -> float:
-    """Set all that `config` states; return the frame period in s.
-
-    Raises a `ControlError` that names every feature that does not hold.
+    """Set all that `config` states; return the frame period in s, or name every feature that does
+    not hold in a `ControlError`.
     """
     settings = Settings(camera)
     for feature, value in HELD.items():

@@ -42,10 +42,8 @@ _LIMITED_WHITE = 234
 
 
 class V4l2Camera:
-    """An open, streaming V4L2 camera in measurement mode.
-
-    The driver's buffers are claimed before a control is changed, so that a second program cannot
-    change anything before it fails to open the camera.
+    """A streaming V4L2 camera in measurement mode, whose buffers are claimed first, so that a
+    second program fails before it changes a control.
     """
 
     def __init__(self, config: V4l2CameraConfig) -> None:
@@ -200,12 +198,8 @@ _PERIOD_TOLERANCE = 0.01
 
 
 class WrittenFrames:
-    """Numbers frames by their time stamps, for a driver that does not count them.
-
-    ``v4l2loopback`` replaces the stamps of all its frames by the current time whenever a program
-    claims buffers. A frame therefore gets a number only if its stamp is later than `opened_s`, the
-    monotonic time at which this program claimed its buffers, and a whole number of periods after
-    the last numbered frame.
+    """Numbers frames by stamps later than `opened_s` and whole periods apart: ``v4l2loopback`` does
+    not count, and restamps all frames when a program claims buffers.
     """
 
     def __init__(self, opened_s: float, period_s: float) -> None:
