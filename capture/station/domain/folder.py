@@ -29,9 +29,8 @@ _MAX_BYTES = 1 << 12
 
 
 class StationFolder:
-    """A station on disk, for reading; `station_folder` opens one for writing.
-
-    Only its owner may use it, unless `is_foreign`, for what reads its configuration alone.
+    """A station on disk for reading (`station_folder` opens one for writing), only by its owner
+    unless `is_foreign`.
     """
 
     def __init__(self, path: Path, *, is_foreign: bool = False) -> None:
@@ -110,9 +109,8 @@ class LastRecipe(Record):
 
 
 def first_recipe(folder: StationFolder) -> str:
-    """Return the recipe with which a run begins: the last loaded one, for the parts on the line.
-
-    A `recipe` in ``station.toml`` that differs from the one at that time is newer.
+    """Return the recipe of the next run: the last loaded one, unless ``station.toml`` has changed
+    its `recipe` since.
     """
     path, configured = folder.path / FILE, folder.config.recipe
     if not path.exists():

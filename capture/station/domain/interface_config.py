@@ -163,9 +163,8 @@ def listening_socket(
     most_unacknowledged_ms: int,
     send_buffer_bytes: int | None = None,
 ) -> socket.socket:
-    """Listen on a port that no other program has; 0 chooses a free one.
-
-    All options are set before it listens, because a connection inherits those of the listener.
+    """Listen on a port of its own (0: a free one), with all options set before, because connections
+    inherit them.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)

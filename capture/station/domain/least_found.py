@@ -8,9 +8,8 @@ from classify.base.models import Record
 
 
 class LeastFound(Record):
-    """The weakest defect of one kind and size that the defect map finds in 9 of 10 places.
-
-    A scratch or a dent has a depth in px, a stain a contrast, as a share of the albedo.
+    """The weakest defect of a kind and size found in 9 of 10 places: depth in px, or contrast as a
+    share of the albedo.
     """
 
     kind: Literal["scratch", "dent", "stain"]

@@ -56,9 +56,8 @@ class Light(Section):
 
 
 class CalibrationRule(Section):
-    """Whether a calibration is required, and the greatest age of its oldest part.
-
-    365 days is the usual interval for instruments (ILAC-G24, OIML D 10).
+    """Whether a calibration is required, and the greatest age of its oldest part (usually 365 days:
+    ILAC-G24, OIML D 10).
     """
 
     required: bool = Field(

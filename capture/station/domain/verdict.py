@@ -26,9 +26,8 @@ _CODES = {
 
 
 class Cause(StrEnum):
-    """Why a part did not pass: one row for each cause, the gravest first.
-
-    A row has the name, the verdict, the code for a PLC, which is never reused, and the meaning.
+    """Why a part did not pass, the gravest first: name, verdict, code for a PLC (never reused) and
+    meaning.
     """
 
     decision: Decision

@@ -48,9 +48,8 @@ def require_unchanged(recipe: Recipe, seen_sha256: str | None) -> None:
 
 
 def approved_states(files: RecipeFolder) -> list[Recipe]:
-    """Return all approved states of a recipe, the latest approval first.
-
-    Copies that are damaged or were changed since are left out: no rollback to them is possible.
+    """Return the approved states of a recipe with an intact copy, to which a rollback is possible,
+    the latest first.
     """
     states = []
     for version in files.taught_versions():

@@ -103,10 +103,8 @@ def _keep_replay(
 def require_challenge(
     files: RecipeFolder, inspector: Inspector, raise_if_cancelled: Callable[[], None] = lambda: None
 ) -> Replay:
-    """Raise ChallengeFailed unless this inspector meets the challenge set, now or on record.
-
-    The parts up to the first good one are judged in any case: another processor may judge
-    otherwise, and the first part of the line need not wait for kernels.
+    """Raise ChallengeFailed unless this inspector meets the challenge, now or on record; always
+    judged to the first good part, which tests processor and kernels.
     """
     _known_sha256.cache_clear()  # the files that run now are hashed, whatever their times
     replay, outcomes = (

@@ -70,9 +70,8 @@ def add_to_challenge(
     expected: Expected,
     record: _RecordChange = lambda *_: None,
 ) -> None:
-    """Copy sets into a challenge; a set that is in it already gets the new verdict.
-
-    `record` is called for each change; an exception of it prevents all changes.
+    """Copy sets into a challenge, or give known ones the new verdict, unless `record`, called for
+    each change, raises.
     """
     make_folder(folder)
     with folder_lock(folder, _LOCK):

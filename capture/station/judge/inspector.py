@@ -168,10 +168,8 @@ class Inspector:
         )
 
     def inspect(self, captured: CapturedSet) -> Inspection:
-        """Judge one part.
-
-        A set that cannot be judged gets the verdict ERROR with its cause; the caller turns
-        exceptions into that verdict.
+        """Judge one part; a set that cannot be judged is an ERROR with its cause, as the caller
+        makes of exceptions.
         """
         begun = self._begun
         if begun is not None and begun.is_of(captured):
@@ -328,9 +326,8 @@ class Inspector:
     def _relative_levels(
         self, captured: CapturedSet, signals: tuple[float, ...]
     ) -> tuple[tuple[str, float], ...]:
-        """Level of each LED against the brightest, as a share of the taught ratio.
-
-        The albedo of the part cancels: an LED is not called weak because a part is dark.
+        """Level of each LED against the brightest, as a share of the taught ratio, in which the
+        albedo cancels.
         """
         taught = np.mean([signals / signals.mean() for signals in self._signals.values()], axis=0)
         ratios = np.array(signals) / taught

@@ -41,9 +41,8 @@ class Measures(LimitedMeasures):
 
 
 def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = ()) -> Verdict:
-    """Return the verdict on a part: first faults of the set, validity, texture, then limits.
-
-    Pure; a value that is NaN, or that the recipe needs and that is missing, gives ERROR.
+    """Return the verdict: faults of the set, validity, texture, then limits; a NaN or missing value
+    gives ERROR.
     """
     findings = list(faults) or list(invalid(recipe, measures))
     findings = findings or list(_of_the_texture(recipe, measures))

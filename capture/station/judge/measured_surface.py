@@ -37,10 +37,8 @@ class MeasuredSurface:
         *,
         uncertainty: bool = False,
     ) -> Self:
-        """Solve a set by `method`, by default that for its number of lights.
-
-        The whole frame is solved, to which lights and calibration refer; pixels outside the region
-        are masked.
+        """Solve a whole frame by `method` or that for its lights, as lights and calibration refer
+        to it, and mask the rest of the region.
         """
         frame = captured.images.shape[1:]
         inside = np.ones(frame, np.bool_) if captured.mask is None else captured.mask

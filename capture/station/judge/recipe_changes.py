@@ -70,9 +70,8 @@ class RecipeChanges:
         return after
 
     def approve(self, by: str, seen_sha256: str | None = None) -> Recipe:
-        """Approve the recipe; the row has the settings that differ from the last approved state.
-
-        Approving the same recipe again, as by a second click on a button, changes nothing.
+        """Approve the recipe, with the settings changed since the last approval in the row; nothing
+        if it is approved.
         """
         present = read_recipe(self.files.file)
         if present.is_approved and present.approval is not None and present.approval.by == by:

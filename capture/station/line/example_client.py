@@ -22,9 +22,8 @@ def run_ladder(
     judged: Callable[[Judged], None],
     recipe: int = 0,
 ) -> None:
-    """Trigger the parts of `next_part` and report their verdicts, until it returns None.
-
-    A lost connection is opened again without limit; recipe 0 is whichever is loaded.
+    """Trigger the parts of `next_part` until None and report verdicts, reconnecting without limit;
+    recipe 0 is any.
     """
     ladder = Ladder()
     ladder.recipe = recipe

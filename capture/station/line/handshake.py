@@ -56,9 +56,8 @@ class RecipeRequest:
 
 
 class Selection:
-    """The state of the last rise of SelectRecipe.
-
-    A selection that is withdrawn goes on: until its recipe is loaded no other one can be selected.
+    """The state of the last rise of SelectRecipe, which goes on if it is withdrawn, and lets no
+    other be selected.
     """
 
     def __init__(self) -> None:
@@ -111,9 +110,8 @@ class TriggerRequest:
 
 
 class Handshake:
-    """Registers that the station shows to a PLC, and reactions to its writes; not thread-safe.
-
-    A PLC that triggers (`is_trigger`) gets the results of its own parts only.
+    """Registers for a PLC and reactions to its writes, not thread-safe; a PLC that triggers gets
+    results of its parts only.
     """
 
     def __init__(
@@ -149,9 +147,8 @@ class Handshake:
         return list(self._written)
 
     def write(self, address: int, words: Sequence[int]) -> TriggerRequest | None:
-        """Take what the PLC writes in one request; return the trigger that it contains.
-
-        ValueError, and no change, for bits without a meaning or registers that it must not set.
+        """Take one write of the PLC; return its trigger; ValueError, and no change, for bits or
+        registers that it must not set.
         """
         first = address - PLC_ADDRESS
         if first < 0 or first + len(words) > PLC_WORDS:

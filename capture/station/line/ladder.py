@@ -42,10 +42,8 @@ _ANSWERS = Status.ACK | Status.REFUSED | Status.RECIPE_LOADED | Status.RECIPE_RE
 
 
 class Ladder:
-    """The program of a PLC that triggers parts and sorts them by their verdicts.
-
-    Set `recipe` (0 is whichever is loaded) between parts, then `part_id`, which becomes None as
-    soon as the part may move.
+    """Program of a PLC that triggers and sorts parts; set `recipe` (0: any), then `part_id`, None
+    once the part may move.
     """
 
     def __init__(self) -> None:

@@ -23,10 +23,8 @@ _SILENCE_S = 8.0
 
 
 class PlcLine:
-    """A handshake that a bus reads and writes, and the thread that passes its triggers on.
-
-    Its methods may be called from any thread and never wait; its ``with`` block ends when the PLC
-    has acknowledged the last result, or `last_s` later.
+    """A handshake for any thread, and the thread that passes triggers on; ends when the PLC
+    acknowledges, or after `last_s`.
     """
 
     def __init__(

@@ -242,9 +242,8 @@ def _log_failure(keeper: asyncio.Task[None]) -> None:
 
 
 class PlcConnection:
-    """The connection of a program that plays the PLC; it reads and writes whole pages.
-
-    Raises `ConnectionError` if the station cannot be reached or does not answer.
+    """Connection of a program that plays the PLC, by whole pages; `ConnectionError` without an
+    answer.
     """
 
     def __init__(self, host: str, port: int, timeout_s: float = 3.0) -> None:

@@ -125,9 +125,8 @@ class MqttPublisher:
             self._send(topic, text)
 
     def _send(self, topic: str, text: str) -> None:
-        """Send a message, and wait until the broker has confirmed it.
-
-        After a lost connection paho sends it again by itself.
+        """Send a message, which paho repeats after a lost connection, and wait until the broker has
+        confirmed it.
         """
         # Without the lock: paho calls `_confirmed` while it holds its own.
         number = self._client.publish(topic, text, qos=1, retain=True).mid

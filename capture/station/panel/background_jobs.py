@@ -64,9 +64,8 @@ class BackgroundJobs:
             return self._job
 
     def start(self, job: Job, begin: Callable[[], Work]) -> Job:
-        """Start what `begin` returns; Conflict if a job is running, or the panel ends.
-
-        If `begin` raises, there was no job.
+        """Start what `begin` returns without raising; Conflict if a job is running, or the panel
+        ends.
         """
         with self._lock:
             if self._is_closed:

@@ -148,9 +148,8 @@ def _label_rows(axes: Axes, names: Sequence[str], numbers: Sequence[str]) -> Non
 
 
 def control_chart(history: ChartHistory, about: str, *, is_share: bool) -> Chart:
-    """Draw a control chart: points, mean and limits of the baseline, broken rules.
-
-    Shares are shown in percent.
+    """Draw a control chart, shares in percent: points, mean and limits of the baseline, broken
+    rules.
     """
     return Chart(about, partial(_draw_control, history=history, is_share=is_share))
 

@@ -26,9 +26,8 @@ _END_S = 8.0
 def panel_process(
     folder: Path, settings: PanelConfig, listener: socket.socket, warn: Callable[[str], None]
 ) -> Iterator[None]:
-    """Run the panel of a station in a process of its own while the block runs.
-
-    The socket stays open between two processes: a browser waits instead of being refused.
+    """Run the panel in a process of its own, whose socket stays open when it is started again:
+    browsers wait.
     """
     # Forks processes that have the modules already: to load them takes seconds.
     context = get_context("forkserver")

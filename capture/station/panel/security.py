@@ -61,9 +61,8 @@ class Slots:
 
 @dataclass(frozen=True)
 class HostRule:
-    """Host names and addresses by which the panel may be requested, against DNS rebinding.
-
-    Of IP addresses, only the one that the connection came to is accepted.
+    """Host names, and the address that it came to, by which the panel may be requested, against DNS
+    rebinding.
     """
 
     names: frozenset[str]  # from ``station.toml``, in lower case
@@ -129,9 +128,8 @@ class SecureHeaders:
 
 
 class BodyLimit:
-    """Refuses bodies of more than `MAX_BODY_BYTES`, or that take longer than `BODY_S`.
-
-    Nobody reads the body of a GET, and a stream must see that its client is gone.
+    """Refuses bodies above `MAX_BODY_BYTES` or slower than `BODY_S`, but of a GET, whose stream
+    must see its client leave.
     """
 
     def __init__(self, app: ASGIApp) -> None:

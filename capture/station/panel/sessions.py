@@ -139,10 +139,8 @@ def _signature(key: str, purpose: str, text: str) -> str:
 
 
 class LoginLimit:
-    """Counts failed logins of names and addresses, and locks them for `_PAUSE_S`. Thread-safe.
-
-    An address from which a name has logged in has a count of its own for this name: failures from
-    elsewhere never shut it out.
+    """Thread-safe lock of names and addresses after failed logins, with a count for an address
+    where a name has logged in: others cannot shut it out.
     """
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -171,9 +169,8 @@ class LoginLimit:
             yield
 
     def begin(self, name: str, address: str) -> float:
-        """Count an attempt as a failure; return how long to wait in s, 0 if it is allowed.
-
-        It is counted before the password is tried, so that simultaneous attempts all count.
+        """Count an attempt as failed before the password is tried, against simultaneous ones;
+        return the wait in s, or 0.
         """
         now_s = self._now_s()
         with self._lock:

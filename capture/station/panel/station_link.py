@@ -89,9 +89,8 @@ class StationLink(LiveView):
         return self._ask("acknowledge", part_id, by).value is True
 
     def append(self, table: str, rows: list[dict[str, Any]], of_part: str | None) -> bool:
-        """Let the run append rows to the results, or raise ResultsUnavailable; False without a run.
-
-        A panel that is stopped while it writes would hold the lock that results wait for.
+        """Let the run append rows, because a stopped panel would hold the lock; ResultsUnavailable
+        on failure, False without a run.
         """
         try:
             reply = self._ask("append", table, rows, of_part)

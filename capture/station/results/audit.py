@@ -161,10 +161,7 @@ def override_part(
     by: str,
     reason: str,
 ) -> Decision:
-    """Give a part another verdict beside the station's own.
-
-    The same override again, as by a second click on a button, changes nothing.
-    """
+    """Give a part another verdict beside the station's; the same again changes nothing."""
     part_id, given = entry.result.part_id, decision.upper()
     if given not in (Decision.PASS, Decision.FAIL):
         raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")

@@ -38,10 +38,7 @@ class Head:
 
 
 def append(connection: Connection, table: Table, *rows: Mapping[str, Any]) -> Head:
-    """Insert rows of one station as the next links of its chain; return its new end.
-
-    The caller holds the lock of the station.
-    """
+    """Insert rows as next links of a station, locked by the caller; return the new end."""
     last = head(connection, rows[0]["station"])
     linked = []
     for link, row in enumerate(rows, last.link + 1):

@@ -32,9 +32,8 @@ _LOCK_CLASS = 0x70733472
 
 
 class ResultsUnavailable(Ps4rigError):  # noqa: N818 - the state of a server, not a fault in a call
-    """The database does not answer, or cannot be written.
-
-    All of the call was written, or nothing; a repeated call does not write twice.
+    """The database does not answer or cannot be written; a call was written whole or not, and may
+    be repeated.
     """
 
     exit_status = 3

@@ -101,9 +101,8 @@ def entries(
     selection: Selection,
     newest: int | None,
 ) -> Iterator[HistoryEntry]:
-    """Yield parts by number, each page in a transaction of its own.
-
-    A transaction that waits for a slow reader keeps the database from emptying its log.
+    """Yield parts by number, each page in its own transaction, as one that waits for a reader keeps
+    the log from emptying.
     """
     if newest is not None:
         with reading() as connection:

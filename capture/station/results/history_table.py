@@ -23,9 +23,8 @@ COLUMNS = (
 
 
 def record_of(entry: HistoryEntry) -> dict[str, Any]:
-    """Return the columns of a part's result, its override and its removed set.
-
-    ``verdict`` is the one in force, ``station_verdict`` that of the station.
+    """Return the columns of a part's result (``verdict`` in force, ``station_verdict``), override
+    and removed set.
     """
     row = entry.result.row
     record = {

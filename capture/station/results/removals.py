@@ -15,9 +15,8 @@ from .utc import require_utc
 
 
 def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]:
-    """Yield id and set file of parts that passed and keep their file, by number.
-
-    `until_utc` is the latest time of the trigger; parts with an override are left out.
+    """Yield id and set file of parts that passed without override, triggered until `until_utc`, by
+    number.
     """
     statement = (
         select(results.c.part_id, results.c.set_file)
@@ -39,10 +38,7 @@ def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]
 
 
 def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) -> None:
-    """Record that set files (by part id) are going to be removed, in one transaction.
-
-    The caller holds the lock of the set files: one program at a time numbers transactions.
-    """
+    """Record set files (by part id) to be removed, under the caller's lock of them."""
     rows = [
         {"station": store.station, "part_id": part_id, "utc": require_utc(utc), "set_file": file}
         for part_id, file in set_files.items()

@@ -242,10 +242,8 @@ def _stored_version(connection: Connection) -> int:
 
 
 def _append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> Iterator[str]:
-    """Statements after which the database refuses to change or to delete rows of a table.
-
-    `keys` are the columns of each unique key: SQLite's ``INSERT OR REPLACE`` deletes the old
-    row without calling the trigger of a deletion.
+    """Statements against changes of a table and, by its unique `keys`, against ``INSERT OR
+    REPLACE``, which calls no trigger.
     """
     if dialect == "postgresql":
         yield (

@@ -33,9 +33,8 @@ class ResultsSnapshot:
 
 
 def copy_results(address: str, station: str, target: Path) -> ResultsSnapshot:
-    """Copy a database of results, as it is at one moment, to an empty file.
-
-    PostgreSQL's pg_dump writes all tables of the database, with the rows of other stations.
+    """Copy the results as they are at one moment to an empty file; pg_dump also takes those of
+    other stations.
     """
     url = database_url(address)
     with unavailable_if_failing(url):

@@ -78,10 +78,8 @@ AppendElsewhere = Callable[[str, list[dict[str, Any]], str | None], bool]
 
 
 class ResultStore:
-    """The results of one station, for any thread; `open_store` makes it.
-
-    Each method writes in one transaction, which is on disk when it returns. `add` may be repeated
-    after `ResultsUnavailable`.
+    """Results of one station for any thread, from `open_store`; each method writes one transaction
+    to disk, and `add` may be repeated.
     """
 
     def __init__(
@@ -109,10 +107,8 @@ class ResultStore:
             yield connection
 
     def write(self, work: Callable[[Connection], T]) -> T:
-        """Do `work` in a transaction that is on disk when it ends.
-
-        It is repeated while a PostgreSQL server cannot be reached: `work` must first look whether
-        an earlier attempt was committed before its answer was lost.
+        """Do `work` in a transaction on disk, again while PostgreSQL is unreachable: it must look
+        whether an attempt was committed.
         """
         last_attempt_s = time.monotonic() + self._timeout_s
         while True:
@@ -157,10 +153,7 @@ class ResultStore:
         return self.write(work)
 
     def add(self, result: PartResult) -> PartResult:
-        """Record the result of a begun part, and return it with its place in the chain of hashes.
-
-        The same result again changes nothing.
-        """
+        """Record the result of a begun part, once; return it with its place in the chain."""
         row = result.row
         if result.station != self.station:
             raise InputError(f"station {self.station} cannot hold a result of {result.station}")
@@ -257,9 +250,8 @@ class ResultStore:
     def parts(
         self, selection: Selection = EVERY_PART, *, newest: int | None = None
     ) -> Iterator[HistoryEntry]:
-        """Yield the selected parts by number, each with its last override and its removed set.
-
-        They are read in pages, up to the number that is the last one at the beginning.
+        """Yield selected parts with last override and removed set by number, in pages, up to the
+        last at the beginning.
         """
         return entries(self.reading, self.station, selection, newest)
 
@@ -279,9 +271,8 @@ class ResultStore:
             return head(connection, self.station)
 
     def lock_station(self, connection: Connection, utc: str) -> None:
-        """Lock the numbers of this station for one writer, until the end of a transaction.
-
-        On SQLite a writing transaction locks the whole file.
+        """Lock the numbers of this station (on SQLite the whole file) until the end of a
+        transaction.
         """
         row = select(stations).where(stations.c.station == self.station)
         if connection.execute(row.with_for_update()).first() is None:
@@ -313,9 +304,8 @@ def open_store(
     results: str, station: str, *, create: bool = False, alone: bool = True,
     timeout_s: float = TIMEOUT_S,
 ) -> ResultStore:  # fmt: skip
-    """Open the results of a station; `create` makes missing tables.
-
-    With `alone` a second program that begins parts of this station is refused.
+    """Open the results of a station, missing tables made by `create`, `alone` against a second
+    program.
     """
     url = database_url(results)
     if url.get_backend_name() == "sqlite":

@@ -173,9 +173,8 @@ def run_bench(
     show_step: Callable[[str], None] = lambda _: None,
     live: LiveStation | None = None,
 ) -> BenchResult:
-    """Judge `parts` parts of 16 bit, with a library of `classes` classes and a defect map.
-
-    `folder` is empty, on the disk that sets and results are written to.
+    """Judge `parts` parts of 16 bit, by `classes` classes and a defect map, in an empty `folder` on
+    the disk to measure.
     """
     show_step("capturing parts")
     good, other = _captured(side_px)

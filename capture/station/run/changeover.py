@@ -29,10 +29,8 @@ class WantedRecipe:
 
 
 class Changeover:
-    """Exchanges the recipe of a station.
-
-    The asker waits in `loading`, in its own thread; the station calls all methods but `take` under
-    its lock.
+    """Exchanges the recipe, while the asker waits in `loading`; all but `take` is called under the
+    station's lock.
     """
 
     def __init__(
@@ -93,10 +91,8 @@ class Changeover:
         return request
 
     def take(self, request: WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
-        """Exchange the recipe while no part is in progress; return the new judge.
-
-        After an exception the present recipe stays, the rig is closed, and the asker has the
-        reason.
+        """Exchange the recipe between parts and return the new judge; an exception keeps the
+        present one, and closes the rig.
         """
         recipes, recipe = self._recipes, request.recipe
         assert recipes is not None

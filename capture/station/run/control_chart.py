@@ -45,9 +45,8 @@ class Baseline:
 
 
 def baseline_of(values: Sequence[float]) -> Baseline:
-    """Return the baseline of two values or more, with sigma from moving ranges.
-
-    A slow drift within the baseline does not raise that sigma.
+    """Return the baseline of two values or more, with sigma from moving ranges, which a slow drift
+    does not raise.
     """
     mean = statistics.fmean(values)
     ranges = [abs(after - before) for before, after in pairwise(values)]
@@ -121,10 +120,8 @@ class _Watched:
 
 
 class ControlChart:
-    """Charts of a running station; subscribe it to the events of the station.
-
-    A warning is published once as `Warned`, until it has not held for eight points; each recipe
-    starts new charts.
+    """Charts of a running station that subscribe to its events; a `Warned` comes again after eight
+    points without.
     """
 
     def __init__(self, led_names: Sequence[str], publish: Callable[[Warned], None]) -> None:
@@ -214,9 +211,8 @@ class ChartHistory:
 
 
 def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
-    """Return the chart of the distance and those of each LED, in the order of the lights.
-
-    Parts with another number of lights than the last one are left out.
+    """Return charts of the distance and each LED, in order; parts with another number of lights are
+    left out.
     """
     listed = list(parts)
     leds = len(listed[-1].led_levels) if listed else 0

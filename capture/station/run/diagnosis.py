@@ -26,9 +26,8 @@ _NEWEST_LINKS = 1000  # checked in 0.05 s
 
 
 def diagnose_station(folder: Path) -> Iterator[Check]:
-    """Yield all checks; a failed one does not prevent the next.
-
-    The LEDs of the rig are lit; a rig held by a running station is reported as a fault.
+    """Yield all checks, with the LEDs lit; a failed one, such as a rig in use, does not prevent the
+    next.
     """
     opened: list[StationFolder] = []  # one, or none if station.toml is invalid
 

@@ -45,9 +45,8 @@ _log = logging.getLogger(__name__)
 
 
 class Request(Record):
-    """A call of a method of `LiveStation`, or ``append`` of the results, with its number.
-
-    ``withdraw`` has no reply: the client of the trigger with that number is gone.
+    """A numbered call of `LiveStation`, ``append``, or ``withdraw`` (without reply): the trigger's
+    client is gone.
     """
 
     id: int
@@ -66,9 +65,8 @@ class Reply(Record):
 
 @contextmanager
 def live_address(folder: Path) -> Iterator[str]:
-    """Yield the address of a station's socket during the block.
-
-    A path has at most 107 bytes in an address; Linux reaches the folder by its descriptor.
+    """Yield the address of a station's socket, by the folder's descriptor on Linux: a path has 107
+    bytes at most.
     """
     with ExitStack() as stack:
         if not Path("/proc/self/fd").is_dir():

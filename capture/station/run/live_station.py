@@ -46,9 +46,8 @@ _log = logging.getLogger(__name__)
 
 
 class LiveStation(LiveView):
-    """The owner of a run's state, and the way of triggers and requests to its cycle.
-
-    `publish` never waits and may be called under a lock; `wait_for_room` bounds the memory.
+    """Owner of a run's state, and way to its cycle; `publish` never waits, `wait_for_room` bounds
+    its memory.
     """
 
     def __init__(
@@ -163,9 +162,8 @@ class LiveStation(LiveView):
                 self.publish(device)
 
     def acknowledge(self, part_id: str | None, by: str) -> bool:
-        """Record that somebody has seen a rejected part; None is the fault that stops the line.
-
-        False if the part is not among the last, or no fault stops the line.
+        """Record that a rejected part, or the fault that stops the line (None), was seen; False if
+        there is none.
         """
         with self._lock:
             rejected = {part.result.part_id: part for part in self._state.rejected}

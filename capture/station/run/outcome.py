@@ -57,9 +57,8 @@ class PartJudge:
     def result_of(
         self, part: ExposedPart, writer: ThreadPoolExecutor
     ) -> tuple[PartResult, Fault | None, BaseException | None]:
-        """Judge a part while `writer` saves its set; return the result, a fault, any exception.
-
-        A part passes only if its set is on disk, the inspector says so, and nothing was raised.
+        """Judge a part while `writer` saves its set, needed to pass; return the result, a fault,
+        any exception.
         """
         failures: list[tuple[BaseException, Cause | None]] = []
         if part.error is not None:

@@ -31,9 +31,8 @@ PERIOD_S = 3600.0
 
 
 def is_sample(station: str, part_id: str, pass_every: int) -> bool:
-    """Whether a part that passed belongs to the sample that keeps its set file.
-
-    The hash of its id decides: the sample does not follow the cycle of several moulds or spindles.
+    """Whether a part that passed keeps its set file, by the hash of its id, which follows no cycle
+    of moulds.
     """
     digest = hashlib.sha256(f"{station}/{part_id}".encode()).digest()
     return int.from_bytes(digest[:8]) % pass_every == 0
@@ -46,9 +45,8 @@ def remove_old_sets(
     now: datetime,
     stop: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Remove set files that the retention does not keep, in batches until `stop`; return how many.
-
-    A row records the removal first: a file that is missing without such a row was lost.
+    """Remove set files that the retention does not keep, recorded first, in batches until `stop`;
+    return how many.
     """
     make_folder(folder / PARTS)
     with file_lock(folder / PARTS / _LOCK, 0.0):
@@ -66,10 +64,8 @@ def remove_old_sets(
 
 
 def removed_until(folder: Path, retention: Retention, now: datetime) -> str:
-    """Return the time of the last trigger whose set may be removed.
-
-    It is `Retention.pass_days` ago, and before the last ``pass_days / 2`` days that had parts: a
-    clock set far ahead adds one such day.
+    """Return the last trigger time to remove: `Retention.pass_days` ago and ``pass_days / 2`` days
+    with parts, against a wrong clock.
     """
     days = sorted((day.name for day in (folder / PARTS).glob("????-??-??/")), reverse=True)
     staying = days[: max(_MIN_DAYS, math.ceil(retention.pass_days / 2))]

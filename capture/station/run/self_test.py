@@ -153,9 +153,8 @@ def check_setting(faults: Iterable[str]) -> Iterator[Check]:
 
 
 def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
-    """Check an open rig: dark with all LEDs off, light of each LED, and a white sheet.
-
-    A test with a fault is repeated, because a short disturbance seldom affects two in a row.
+    """Check an open rig: dark with LEDs off, light of each, a white sheet; twice, as a disturbance
+    seldom lasts.
     """
 
     def checks() -> Iterator[Check]:

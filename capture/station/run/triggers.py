@@ -137,10 +137,7 @@ Answer = Accepted | Refused
 
 
 class TimerTrigger:
-    """A trigger in each period; a period of 0 triggers whenever the station is ready.
-
-    If it is late by a period or more, all triggers due by then are refused: one row counts them.
-    """
+    """A trigger each period, or whenever ready for 0; if late, one row counts the refused ones."""
 
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self._period_s = period_s

@@ -89,9 +89,8 @@ class Backup:
 
 @contextmanager
 def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
-    """Copy the results of a station, and list all files that belong to them.
-
-    The station may run; no set file is removed during the block.
+    """Copy the results of a station that may run, and list their files, none removed during the
+    block.
     """
     config = StationFolder(folder).config
     _check_place(folder, path)

@@ -21,9 +21,8 @@ _OPEN = (State.READY, State.EXECUTING)
 
 
 class Notifier:
-    """Subscriber to a station's events, to which its workers report that they are alive.
-
-    The watchdog gets a ping only when all workers have reported; never blocks, never raises.
+    """Subscriber to a station's events that pings the watchdog when all workers report; never
+    blocks or raises.
     """
 
     def __init__(

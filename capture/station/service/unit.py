@@ -59,19 +59,15 @@ DevicePolicy=closed"""
 
 
 def unit_name(folder: Path, panel: bool | None = None) -> str:
-    """Return the name of the unit of a station, or of its panel, without ``.service``.
-
-    Not by the name of the station, which a restored copy has, too.
+    """Return the unit of a station or its panel without ``.service``, by its folder, as a copy has
+    the same name.
     """
     name = "ps4rig-" + re.sub(r"[^A-Za-z0-9:_.-]", "_", folder.resolve().name)
     return f"{name}-panel" if panel else name
 
 
 def unit_text(station: StationFolder, user: str = USER, panel: bool | None = None) -> str:
-    """Return the unit that runs a station with this program.
-
-    With `panel` it is the unit of its panel alone; False is a run that starts no panel.
-    """
+    """Return the unit of a station, or of its panel if `panel`; False: without a panel."""
     config, folder = station.config, station.path.resolve()
     if not re.fullmatch(r"[a-z_][a-z0-9_-]{0,30}", user):
         raise InputError(f"--user {user!r}: give the name of a user in lower case")

@@ -194,9 +194,8 @@ def read_known_parts(path: Path) -> dict[str, bool]:
 def presentations_of(
     known: dict[str, bool], recorded: Iterable[tuple[str, Verdict]]
 ) -> Sequence[Presentation]:
-    """Return the presentations of known parts among recorded verdicts.
-
-    A presentation has the id of its part, or that with a dash and a suffix, such as ``K07-2``.
+    """Return presentations of known parts among recorded verdicts, by the id, or one such as
+    ``K07-2``.
     """
     presentations = []
     for part_id, verdict in recorded:

@@ -21,9 +21,8 @@ def limits_measured_before(files: RecipeFolder, recipe: Recipe) -> LimitsOf | No
 
 
 def manual_limits(present: LimitsOf, measured: LimitsOf | None) -> LimitsOf:
-    """Return the limits of each texture that differ from those that teaching measured.
-
-    Without `measured`, all limits that teaching can measure count as measured.
+    """Return each texture's limits that differ from `measured`, without which all measurable limits
+    count as measured.
     """
     manual = {}
     for texture, limits in present.items():

@@ -48,9 +48,8 @@ def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
 def keep_sets(
     paths: Sequence[Path], folder: Path, texture: str | None, default: str
 ) -> list[KeptSet]:
-    """Copy sets with their calibrations into a folder; an existing copy is not replaced.
-
-    Without `texture` each has its label, or `default`.
+    """Copy sets with their calibrations, unless already there, labelled `texture`, else their label
+    or `default`.
     """
     make_folder(folder)
     kept = []

@@ -60,11 +60,8 @@ def teach(
     removed: Sequence[str] = (),
     show: ShowProgress = progress,
 ) -> Teaching:
-    """Add sets to the taught ones, and make a new version of the recipe from all.
-
-    Known sets get another texture if `is_relabelling`; `removed` are names of their files.
-
-    The recipe's file is written last: until then the previous version is in use.
+    """Teach sets beside the known ones less `removed` (or relabel them), and write a new version of
+    the recipe last.
     """
     with files.changing():
         before = read_recipe(files.file) if files.file.exists() else None

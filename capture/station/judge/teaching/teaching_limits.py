@@ -38,9 +38,8 @@ def limits_of_texture(
     *,
     has_handedness: bool,
 ) -> Limits:
-    """Return limits within which 99 % of good parts lie, with 95 % confidence.
-
-    They are tolerance limits of a normal distribution, of the logarithm for distances and scale.
+    """Tolerance limits of 99 % of good parts with 95 % confidence, normal, or log-normal for
+    distances and scale.
     """
     logs = [math.log(distance) for distance in distances if distance > 0.0]
     log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf

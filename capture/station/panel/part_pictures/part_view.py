@@ -26,9 +26,8 @@ Outline = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class PartView:
-    """The solved surface of a stored part, in maps with the shape of the light images.
-
-    Outside the judged region the maps are 0, and `score` is NaN.
+    """The solved surface of a stored part in maps of its shape, outside the judged region 0, and
+    NaN in `score`.
     """
 
     captured: CapturedSet
@@ -113,10 +112,7 @@ def _in_pixels(scores: DefectMap) -> FloatMap:
 def _outlines(
     scores: DefectMap | None, region: Region | None, defects: Sequence[DefectRecord]
 ) -> tuple[Outline, ...] | None:
-    """Outline recorded defects; None if the map does not show the same ones.
-
-    Regions of windows have boxes; they come after those of the map.
-    """
+    """Outline recorded defects, then boxes of windows; None if the map has other ones."""
     if scores is None:
         return None
     left, top = (0, 0) if region is None else (region.x, region.y)

@@ -184,9 +184,8 @@ class RecipeForm:
 
 
 def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the unchecked settings that a form of `recipe` gives.
-
-    An empty field is left out; a texture is bad unless the form says that it passes.
+    """Return the unchecked settings of a form, empty fields left out, textures bad unless they
+    pass.
     """
     names = _textures(recipe)
     uses = [str(given.get(_use(number), "")) for number in range(len(names))]
@@ -247,9 +246,8 @@ def _shown(value: Any) -> str:
 
 
 def _number(given: Any, present: float | None) -> int | float | str | None:
-    """Return a number where the text is one, None for an empty text, else the text.
-
-    A text that nobody changed is the present value, with all its digits.
+    """Return a number, None for an empty text, the present value with all digits if unchanged, else
+    the text.
     """
     text = str(given).strip()
     if text == _shown(present):
