@@ -158,7 +158,7 @@ def _as_json(path: Path, folder: Path, surface: SolvedSet) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class ExportFormat:
+class _ExportFormat:
     """A file format of `export`.
 
     `write` returns the unit of the lengths in the file. A format that is not `solved` gets a set
@@ -208,13 +208,13 @@ def _write_sur(loaded: LoadedSet, path: Path) -> str:
 
 # By the end of the name; a new format is a writer and a row.
 FORMATS = {
-    ".npz": ExportFormat("all arrays", _write_npz, solved=False),
-    ".ply": ExportFormat("the height and the albedo as a mesh", _write_ply),
-    ".stl": ExportFormat("the height as a mesh", _write_stl),
-    ".x3p": ExportFormat(
+    ".npz": _ExportFormat("all arrays", _write_npz, solved=False),
+    ".ply": _ExportFormat("the height and the albedo as a mesh", _write_ply),
+    ".stl": _ExportFormat("the height as a mesh", _write_stl),
+    ".x3p": _ExportFormat(
         "the height for programs that measure roughness; needs a scale", _write_x3p
     ),
-    ".sur": ExportFormat("the same, for MountainsMap and Gwyddion", _write_sur),
+    ".sur": _ExportFormat("the same, for MountainsMap and Gwyddion", _write_sur),
 }
 FOLDER = "16-bit TIFF files and lights.lp, or the maps"
 

@@ -65,7 +65,7 @@ def nearest_accuracy(trials: Iterable[Trial]) -> float | None:
 
 
 @dataclass(frozen=True)
-class OrientationError:
+class _OrientationError:
     """Median and 95th percentile of the orientation errors, degrees; None without any."""
 
     median: float | None
@@ -73,12 +73,12 @@ class OrientationError:
 
 
 @dataclass(frozen=True)
-class ClassResult:
+class _ClassResult:
     """Results of the trials of one true class."""
 
     sets: int
     correct: int
-    orientation_error_deg: OrientationError
+    orientation_error_deg: _OrientationError
 
     @property
     def accuracy(self) -> float:
@@ -99,9 +99,9 @@ class Evaluation:
     sets: int
     correct: int
     unknown: int
-    per_class: dict[str, ClassResult]
+    per_class: dict[str, _ClassResult]
     confusion: dict[str, dict[str | None, int]]
-    orientation_error_deg: OrientationError
+    orientation_error_deg: _OrientationError
     headings: int
     reversed: int
     blur_px: float | None
@@ -142,7 +142,7 @@ def evaluate(trials: Sequence[Trial], classes: Collection[str]) -> Evaluation:
     for trial in trials:
         by_class.setdefault(trial.label, []).append(trial)
     per_class = {
-        label: ClassResult(
+        label: _ClassResult(
             len(group), sum(trial.is_correct for trial in group), _orientation_error(group)
         )
         for label, group in sorted(by_class.items())
@@ -163,12 +163,12 @@ def evaluate(trials: Sequence[Trial], classes: Collection[str]) -> Evaluation:
     )
 
 
-def _orientation_error(trials: Iterable[Trial]) -> OrientationError:
+def _orientation_error(trials: Iterable[Trial]) -> _OrientationError:
     """Summarise the errors of the correct trials whose orientation is known."""
     errors = [e for trial in trials if (e := trial.orientation_error_deg) is not None]
     if not errors:
-        return OrientationError(None, None)
-    return OrientationError(float(np.median(errors)), float(np.percentile(errors, 95)))
+        return _OrientationError(None, None)
+    return _OrientationError(float(np.median(errors)), float(np.percentile(errors, 95)))
 
 
 def leave_one_out(

@@ -26,7 +26,7 @@ FIRST_POWER, POWERS = 3, 5
 _STEPS_PX, _FARTHEST_PX = 2, 16
 # An error of two axes with the variances s and t <= s is within 1.96 (s + 0.56 t)^0.5 in 95 % of
 # the cases: exact for t = 0 and t = s, where 2.448 bounds a Rayleigh variable, 0.6 % off between.
-SECOND_AXIS = np.float32(0.56)
+_SECOND_AXIS = np.float32(0.56)
 DEGREES = np.float32(180.0 / np.pi)
 
 
@@ -229,7 +229,7 @@ def _deviations(
     trace = half * (e * vp + h * vq) - f * vpq
     determinant = (vp * vq - vpq * vpq) * (e + p * p)
     spread = np.sqrt(max(trace * trace - determinant, zero))
-    angle = np.sqrt(max(trace + spread + SECOND_AXIS * (trace - spread), zero))
+    angle = np.sqrt(max(trace + spread + _SECOND_AXIS * (trace - spread), zero))
     sp, sq, sr = np.sqrt(vp), np.sqrt(vq), np.sqrt(max(vr, zero))
     if gloss is not None:
         gx, gy, gz, g = gloss
@@ -299,4 +299,4 @@ def write_completed(
         p_sd[y, x] = q_sd[y, x] = deviation
         albedo_sd[y, x] = albedo[y, x] * deviation / np.sqrt(square)
         # The eigenvalues of the variance of the normal are those along and across the slope.
-        angle_sd[y, x] = DEGREES * deviation / square * np.sqrt(square + SECOND_AXIS)
+        angle_sd[y, x] = DEGREES * deviation / square * np.sqrt(square + _SECOND_AXIS)

@@ -41,7 +41,7 @@ def running_interfaces(
     with ExitStack() as stack:
         settings = panel_settings(config.panel, host, port)
         is_used = host is not None or port is not None or trigger == "http"
-        with warning_if_cannot_listen(is_needed=is_used if panel is None else panel):
+        with _warning_if_cannot_listen(is_needed=is_used if panel is None else panel):
             # Also without a panel here: one that is a systemd unit of its own shows the run.
             stack.enter_context(serving_live(folder, live))
             if panel is not False:
@@ -57,7 +57,7 @@ def running_interfaces(
 
 
 @contextmanager
-def warning_if_cannot_listen(*, is_needed: bool) -> Iterator[None]:
+def _warning_if_cannot_listen(*, is_needed: bool) -> Iterator[None]:
     """Turn `CannotListen`, as for a port in use, into a warning unless the panel `is_needed`."""
     from capture.station.domain.errors import CannotListen
 
@@ -77,7 +77,7 @@ def running_panel(folder: StationFolder, settings: PanelConfig) -> Iterator[None
 
     def warn(text: str) -> None:
         complain(f"warning: {text}")
-        log_text(folder, f"warning: {text}")
+        _log_text(folder, f"warning: {text}")
 
     listener = panel_listener(folder.path, settings)
     with panel_process(folder.path, settings, listener, warn):
@@ -85,7 +85,7 @@ def running_panel(folder: StationFolder, settings: PanelConfig) -> Iterator[None
         yield
 
 
-def log_text(folder: StationFolder, text: str) -> None:
+def _log_text(folder: StationFolder, text: str) -> None:
     """Append a text to the log of a station, unless the disk is full."""
     with suppress(InputError):
         folder.log(text)
@@ -138,4 +138,4 @@ def mqtt_publisher(settings: MqttConfig, folder: StationFolder) -> MqttPublisher
     except ImportError as error:
         raise InputError(f"[mqtt] needs {error.name}: pip install 'ps4rig[mqtt]'") from error
 
-    return MqttPublisher(settings, partial(log_text, folder))
+    return MqttPublisher(settings, partial(_log_text, folder))

@@ -99,7 +99,7 @@ def make_station(path: Path) -> None:
         read_config(temporary)  # a folder whose name cannot name a station is refused
 
 
-class LastRecipe(Record):
+class _LastRecipe(Record):
     """The recipe that was loaded last, and the one of ``station.toml`` at that time."""
 
     format: Literal["ps4rig-loaded-recipe"] = "ps4rig-loaded-recipe"
@@ -115,10 +115,10 @@ def first_recipe(folder: StationFolder) -> str:
     path, configured = folder.path / FILE, folder.config.recipe
     if not path.exists():
         return configured
-    last = LastRecipe.read(path, _MAX_BYTES, f"remove it to begin with recipe {configured}")
+    last = _LastRecipe.read(path, _MAX_BYTES, f"remove it to begin with recipe {configured}")
     return last.loaded if last.configured == configured else configured
 
 
 def keep_recipe(folder: StationFolder, name: str) -> None:
     """Store the recipe with which the next run begins; InputError if it cannot be written."""
-    LastRecipe(configured=folder.config.recipe, loaded=name).write(folder.path / FILE)
+    _LastRecipe(configured=folder.config.recipe, loaded=name).write(folder.path / FILE)

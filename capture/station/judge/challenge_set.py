@@ -34,19 +34,19 @@ _HEAD = """\
 """
 
 
-class ChallengeSet(Section):
+class _ChallengeSet(Section):
     """The files of a challenge and the verdict that each must get."""
 
     sets: Annotated[Mapping[Name, Expected], Field(max_length=MAX_SETS)]
 
 
-def read_challenge(folder: Path) -> ChallengeSet:
+def read_challenge(folder: Path) -> _ChallengeSet:
     """Read a challenge set; raise `RecipeError` unless it has parts of both kinds."""
     if_missing = (
         "there is no challenge set; add parts with ps4rig station challenge DIR --add SET "
         "--expect PASS or reject"
     )
-    challenge = read_toml_as(folder / FILE, ChallengeSet, if_missing)
+    challenge = read_toml_as(folder / FILE, _ChallengeSet, if_missing)
     passing = sum(expected == Decision.PASS for expected in challenge.sets.values())
     if not 0 < passing < len(challenge.sets):
         raise RecipeError(
@@ -61,7 +61,7 @@ def challenge_sets(folder: Path) -> dict[str, Expected]:
     """Return files and verdicts of a challenge; empty if there is no challenge set."""
     if not (folder / FILE).exists():
         return {}
-    return dict(read_toml_as(folder / FILE, ChallengeSet, "").sets)
+    return dict(read_toml_as(folder / FILE, _ChallengeSet, "").sets)
 
 
 def add_to_challenge(
@@ -77,7 +77,7 @@ def add_to_challenge(
     with folder_lock(folder, _LOCK):
         before = challenge_sets(folder)
         sets = before | {path.name: expected for path in paths}
-        checked = validated({"sets": sets}, ChallengeSet, str(folder / FILE))
+        checked = validated({"sets": sets}, _ChallengeSet, str(folder / FILE))
         sources: dict[str, Path] = {}
         for path in paths:
             if not _is_copied(path, sources.get(path.name, folder / path.name)):
@@ -112,10 +112,10 @@ def remove_from_challenge(folder: Path, file: str, record: _RecordChange = lambd
         if before is None:
             raise not_listed
         record(file, before, None)
-        _write(folder, ChallengeSet(sets=sets))
+        _write(folder, _ChallengeSet(sets=sets))
 
 
-def _write(folder: Path, challenge: ChallengeSet) -> None:
+def _write(folder: Path, challenge: _ChallengeSet) -> None:
     lines = "".join(
         f'{json.dumps(name)} = "{expected}"\n' for name, expected in challenge.sets.items()
     )

@@ -33,7 +33,7 @@ class SettingsRefused(RecipeError):  # noqa: N818 - caused by the input, not by 
 
 
 @dataclass(frozen=True)
-class SettingChange:
+class _SettingChange:
     """A setting that differs between two states, with both values as text; None if not set."""
 
     key: str
@@ -62,12 +62,12 @@ def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:
         raise SettingsRefused(messages_by_place(error)) from error
 
 
-def setting_changes(before: Recipe, after: Recipe) -> list[SettingChange]:
+def setting_changes(before: Recipe, after: Recipe) -> list[_SettingChange]:
     """Return the settings that differ between two states of a recipe."""
     old, new = (dict(_flat_settings(recipe)) for recipe in (before, after))
     keys = dict.fromkeys([*old, *new])
     return [
-        SettingChange(key, old.get(key), new.get(key))
+        _SettingChange(key, old.get(key), new.get(key))
         for key in keys
         if old.get(key) != new.get(key)
     ]

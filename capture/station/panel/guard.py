@@ -18,7 +18,7 @@ from .panel import Panel
 from .security import Denied, form_of, require_same_origin
 
 V1 = "/api/v1"
-CSRF_FIELD, CSRF_HEADER = "csrf", "x-csrf-token"
+CSRF_FIELD, _CSRF_HEADER = "csrf", "x-csrf-token"
 _TOKEN = HTTPBearer(
     scheme_name="token", description="Token of an API client.", auto_error=False
 )  # describes it; `identity_of` reads it
@@ -90,7 +90,7 @@ async def _call(
             raise Denied(403, f"{who.name} is {who.role}; this needs the role {role}")
     fields = form_of(request, await request.body()) if is_change and not is_api else {}
     if is_change and needed.scopes and who is not None and who.csrf:
-        given = request.headers.get(CSRF_HEADER, fields.get(CSRF_FIELD, ""))
+        given = request.headers.get(_CSRF_HEADER, fields.get(CSRF_FIELD, ""))
         if not hmac.compare_digest(given.encode("utf-8", "replace"), who.csrf.encode()):
             raise Denied(403, "the page is out of date; load it again")
     if is_api:

@@ -13,7 +13,7 @@ _NOT_MEASURED = "not measured"
 
 
 @dataclass(frozen=True)
-class MeasuredNumber:
+class _MeasuredNumber:
     """A line of the table."""
 
     name: str
@@ -22,12 +22,12 @@ class MeasuredNumber:
     is_beyond: bool = False
 
 
-def measured_numbers(result: PartResult, recipe: Recipe | None) -> list[MeasuredNumber]:
+def measured_numbers(result: PartResult, recipe: Recipe | None) -> list[_MeasuredNumber]:
     """Return the numbers of a part; without its recipe the only limit is that of the result."""
     return list(_numbers(result, recipe))
 
 
-def _numbers(result: PartResult, recipe: Recipe | None) -> Iterator[MeasuredNumber]:
+def _numbers(result: PartResult, recipe: Recipe | None) -> Iterator[_MeasuredNumber]:
     texture = result.label or result.nearest or ""
     limits = Limits() if recipe is None else recipe.limits_for(texture)
     distances = [limit for limit in (result.limit, limits.distance) if limit is not None]
@@ -45,18 +45,18 @@ def _numbers(result: PartResult, recipe: Recipe | None) -> Iterator[MeasuredNumb
 
 def _number(
     name: str, value: float | None, bounds: Sequence[tuple[str, float]], form: str = ".2f"
-) -> MeasuredNumber:
+) -> _MeasuredNumber:
     if value is None:
         limit = ", ".join(f"{words} {bound:{form}}" for words, bound in bounds)
-        return MeasuredNumber(name, _NOT_MEASURED, limit)
+        return _MeasuredNumber(name, _NOT_MEASURED, limit)
     texts = [(words, *told_apart(value, bound, form)) for words, bound in bounds]
     shown = max((text for _, text, _ in texts), key=len, default=f"{value:{form}}")
     limit = ", ".join(f"{words} {bound}" for words, _, bound in texts)
     is_beyond = any(beyond(value, words, bound, form) for words, bound in bounds)
-    return MeasuredNumber(name, shown, limit, is_beyond)
+    return _MeasuredNumber(name, shown, limit, is_beyond)
 
 
-def _orientation(result: PartResult, recipe: Recipe | None) -> MeasuredNumber:
+def _orientation(result: PartResult, recipe: Recipe | None) -> _MeasuredNumber:
     degrees = result.orientation_deg
     value = _NOT_MEASURED if degrees is None else f"{degrees:.1f}°"
     limit = ""
@@ -68,4 +68,4 @@ def _orientation(result: PartResult, recipe: Recipe | None) -> MeasuredNumber:
             ends = [degrees - off_deg + side * tolerance_deg for side in (-1.0, 1.0)]
             value = max((told_apart(degrees, end, ".1f")[0] for end in ends), key=len) + "°"
     is_beyond = Cause.ORIENTATION in result.verdict.causes
-    return MeasuredNumber("orientation", value, limit, is_beyond)
+    return _MeasuredNumber("orientation", value, limit, is_beyond)

@@ -21,7 +21,7 @@ MAX_WAITING = 8
 
 
 @dataclass(frozen=True)
-class Repeated:
+class _Repeated:
     """The trigger of this key was accepted before."""
 
     part_id: str
@@ -38,12 +38,12 @@ class KeyedTriggers:
         # By the key: the answer, and the part id and the recipe that the client gave.
         self._accepted: OrderedDict[str, tuple[Accepted, str | None, str | None]] = OrderedDict()
 
-    def submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | Repeated:
+    def submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | _Repeated:
         """Pass a trigger on; with a key that was accepted before, return its part."""
         with self._slots.taken():
             return self._submit(key, trigger)
 
-    def _submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | Repeated:
+    def _submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | _Repeated:
         part_id, recipe = trigger.part_id, trigger.recipe
         if key is None:
             return self._live.submit(trigger)
@@ -52,7 +52,7 @@ class KeyedTriggers:
             if key in self._accepted:
                 accepted, *first_request = self._accepted[key]
                 _require_same(accepted.part_id, first_request, [part_id, recipe])
-                return Repeated(accepted.part_id, accepted.number)
+                return _Repeated(accepted.part_id, accepted.number)
             generated_id = f"key-{hashlib.sha256(key.encode()).hexdigest()[:_DIGITS]}"
             store = self._results.store
             if store.known([generated_id]):
@@ -61,7 +61,7 @@ class KeyedTriggers:
                 # The result of an interrupted part names no recipe.
                 required = recorded if recipe and recorded else recipe
                 _require_same(generated_id, [None, required], [part_id, recipe])
-                return Repeated(generated_id, None if entry is None else entry.result.number)
+                return _Repeated(generated_id, None if entry is None else entry.result.number)
             answer = self._live.submit(replace(trigger, part_id=part_id or generated_id))
             # A refused trigger may be sent again with its key.
             if isinstance(answer, Accepted):

@@ -60,7 +60,7 @@ _NO_HASH = "0" * 64
 
 
 @dataclass(frozen=True)
-class BenchResult:
+class _BenchResult:
     """What a bench measured."""
 
     # From the end of the last exposure to the announced result, of each part.
@@ -172,7 +172,7 @@ def run_bench(
     classes: int,
     show_step: Callable[[str], None] = lambda _: None,
     live: LiveStation | None = None,
-) -> BenchResult:
+) -> _BenchResult:
     """Judge `parts` parts of 16 bit, by `classes` classes and a defect map, in an empty `folder` on
     the disk to measure.
     """
@@ -207,7 +207,7 @@ def run_bench(
         duration_s = time.monotonic() - began_s
     late_mb, early_mb = _memory_mb(), watcher.early_mb
     results = [event.result for event in watcher.announced]
-    return BenchResult(
+    return _BenchResult(
         latencies_ms=tuple(event.latency_ms for event in watcher.announced),
         steps_ms=_steps_ms(watcher.announced),
         duration_s=duration_s,

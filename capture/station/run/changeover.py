@@ -20,7 +20,7 @@ TIMEOUT_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class WantedRecipe:
+class _WantedRecipe:
     """A recipe that is loaded and waits for the parts in progress, and the answer to its asker."""
 
     recipe: UsableRecipe
@@ -41,7 +41,7 @@ class Changeover:
     ) -> None:
         self._recipes, self._publish, self._is_stopping = recipes, publish, is_stopping
         self._one = threading.Lock()
-        self._wanted: WantedRecipe | None = None
+        self._wanted: _WantedRecipe | None = None
 
     @property
     def is_wanted(self) -> bool:
@@ -54,7 +54,7 @@ class Changeover:
         return name is not None and (recipes is None or recipes.present.recipe.name != name)
 
     @contextmanager
-    def loading(self, name: str, by: Asker) -> Iterator[WantedRecipe]:
+    def loading(self, name: str, by: Asker) -> Iterator[_WantedRecipe]:
         """Load a recipe while parts go on, and run the block with the request."""
         if self._recipes is None:
             raise RecipeRefused("the station judges no parts", RecipeRefusal.NOT_READY)
@@ -74,7 +74,7 @@ class Changeover:
         if self._is_stopping():
             raise RecipeRefused("the station stops", RecipeRefusal.NOT_READY)
 
-    def want(self, request: WantedRecipe) -> None:
+    def want(self, request: _WantedRecipe) -> None:
         """Let the station take a recipe as soon as no part is in progress, unless it stops."""
         self._raise_if_cancelled()
         self._wanted = request
@@ -85,12 +85,12 @@ class Changeover:
         if request is not None:
             request.answer.set_exception(RecipeRefused(reason, RecipeRefusal.NOT_READY))
 
-    def taken(self) -> WantedRecipe | None:
+    def taken(self) -> _WantedRecipe | None:
         """Return the waiting recipe for `take`, or None; `refuse` no longer affects it."""
         request, self._wanted = self._wanted, None
         return request
 
-    def take(self, request: WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
+    def take(self, request: _WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
         """Exchange the recipe between parts and return the new judge; an exception keeps the
         present one, and closes the rig.
         """

@@ -92,7 +92,7 @@ class _RuleSeries:
         return ()
 
 
-class NewWarnings:
+class _NewWarnings:
     """Finds new warnings; a warning that returns within the longest rule is not new."""
 
     def __init__(self) -> None:
@@ -112,7 +112,7 @@ class _Watched:
     """One chart of a running station."""
 
     def __init__(self, least: float = 0.0) -> None:
-        self._series, self._warnings = _RuleSeries(least), NewWarnings()
+        self._series, self._warnings = _RuleSeries(least), _NewWarnings()
 
     def add(self, point: float, further: Iterable[str] = ()) -> tuple[str, ...]:
         """Add a point at which `further` warnings hold too; return the new warnings."""
@@ -131,7 +131,7 @@ class ControlChart:
     def _begin(self) -> None:
         self._levels = {name: _Watched(_MIN_LED_CHANGE) for name in self._led_names}
         self._distance = _Watched()
-        self._notes = NewWarnings()
+        self._notes = _NewWarnings()
         self._group: list[PartResult] = []
 
     def __call__(self, live: LiveEvent) -> None:
@@ -187,7 +187,7 @@ def _is_measured(distance: float | None, led_levels: Sequence[float], leds: int)
 
 
 @dataclass(frozen=True)
-class ChartPoint:
+class _ChartPoint:
     """A point of a chart: the mean of some parts, of which the last one names it."""
 
     number: int
@@ -202,7 +202,7 @@ class ChartPoint:
 class ChartHistory:
     """A control chart."""
 
-    points: tuple[ChartPoint, ...]
+    points: tuple[_ChartPoint, ...]
     baseline_points: int  # number of first points
     centre: float | None
     # Three standard deviations from `centre`, as `upper`; None with too few points.
@@ -239,12 +239,12 @@ def _history(
     least: float = 0.0,
 ) -> ChartHistory:
     """Apply the rules to points of groups; `value_of` converts a point to chart units."""
-    series, warnings, shown = _RuleSeries(least), NewWarnings(), []
+    series, warnings, shown = _RuleSeries(least), _NewWarnings(), []
     for (*_, last), point in zip(groups, points, strict=True):
         broken = series.add(point)
         begun, value = warnings.begun(broken), value_of(point)
         shown.append(
-            ChartPoint(last.number, last.part_id, last.triggered_utc, value, broken, begun)
+            _ChartPoint(last.number, last.part_id, last.triggered_utc, value, broken, begun)
         )
     if series.baseline is None:
         return ChartHistory(tuple(shown), len(shown), None, None, None)

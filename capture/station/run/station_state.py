@@ -42,7 +42,7 @@ _UNTESTED = tuple(
 
 
 @dataclass(frozen=True)
-class RejectedPart:
+class _RejectedPart:
     """A part that did not pass, and who acknowledged it; None if nobody did."""
 
     result: PartResult
@@ -72,7 +72,7 @@ class StationState:
     announced: Mapping[Decision, int] = field(default_factory=dict)
     refused: int = 0
     parts_per_minute: float = 0.0  # over the last minute
-    rejected: tuple[RejectedPart, ...] = ()  # that did not pass, the newest first
+    rejected: tuple[_RejectedPart, ...] = ()  # that did not pass, the newest first
     subscribers: int = 0  # browsers and programs that follow the events
 
     @property
@@ -155,7 +155,7 @@ def _announced(event: PartAnnounced, before: StationState) -> dict[str, Any]:
     if before.inspected == result.part_id:
         changes["inspected"] = None
     if decision is not Decision.PASS and Cause.COLLECTED not in result.verdict.causes:
-        changes["rejected"] = (RejectedPart(result), *before.rejected)[:_KEPT_REJECTED]
+        changes["rejected"] = (_RejectedPart(result), *before.rejected)[:_KEPT_REJECTED]
     if event.fault is not None:
         changes["faults"] = _with_fault(before.faults, event.fault)
     elif result.led_levels and Cause.RIG not in result.verdict.causes:

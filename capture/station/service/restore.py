@@ -27,7 +27,7 @@ _BLOCK_BYTES = 1 << 20
 _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
 
 
-class OpenBackup:
+class _OpenBackup:
     """A backup whose list of files was checked; `opened_backup` makes it."""
 
     def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
@@ -117,7 +117,7 @@ class OpenBackup:
 
 
 @contextmanager
-def opened_backup(path: Path) -> Iterator[OpenBackup]:
+def opened_backup(path: Path) -> Iterator[_OpenBackup]:
     """Open a backup for restoring."""
     with open_regular_file(path, _MAX_BYTES) as file:
         try:
@@ -125,7 +125,7 @@ def opened_backup(path: Path) -> Iterator[OpenBackup]:
         except _UNREADABLE as error:
             raise InputError(f"{path}: not a backup of a station: {error}") from error
         with archive:
-            yield OpenBackup(path, archive)
+            yield _OpenBackup(path, archive)
 
 
 def _is_empty_folder(path: Path) -> bool:

@@ -29,7 +29,7 @@ _SHARE_DEFECTIVE, _SHARE_OTHER = 0.4, 0.1
 
 
 @dataclass(frozen=True)
-class KnownPart:
+class _KnownPart:
     """A part of a study: its name, how it lies, and whether it is good."""
 
     name: str
@@ -37,7 +37,7 @@ class KnownPart:
     is_good: bool
 
 
-def known_parts(feed: SimulatedParts, count: int, frame_px: int) -> list[KnownPart]:
+def known_parts(feed: SimulatedParts, count: int, frame_px: int) -> list[_KnownPart]:
     """Return parts of the feed of a station, of which about half are bad."""
     shares = {
         "share_defective": _SHARE_DEFECTIVE if feed.defects else 0.0,
@@ -46,13 +46,13 @@ def known_parts(feed: SimulatedParts, count: int, frame_px: int) -> list[KnownPa
     mixed = SimulatedParts.model_validate(feed.model_dump() | shares)
     parts = (simulated_part(mixed, number, frame_px) for number in range(1, count + 1))
     return [
-        KnownPart(f"part {number}", part.placement, part.is_good)
+        _KnownPart(f"part {number}", part.placement, part.is_good)
         for number, part in enumerate(parts, 1)
     ]
 
 
 def present(
-    parts: list[KnownPart],
+    parts: list[_KnownPart],
     times: int,
     rig_config: RigConfig,
     inspector: Inspector,

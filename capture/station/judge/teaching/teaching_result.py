@@ -27,7 +27,7 @@ _ENOUGH_PARTS = 10
 
 
 @dataclass(frozen=True)
-class Overlap:
+class _Overlap:
     """Sets of a texture that match another texture, or have too small a margin to it."""
 
     texture: str
@@ -60,7 +60,7 @@ class Teaching:
     uniformity: Mapping[str, Uniformity]  # by texture
 
     @property
-    def overlaps(self) -> tuple[Overlap, ...]:
+    def overlaps(self) -> tuple[_Overlap, ...]:
         """Pairs of textures that overlap."""
         return tuple(_overlaps([part.kept for part in self.parts], self.matches))
 
@@ -153,7 +153,7 @@ class Teaching:
                 )
 
 
-def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Iterator[Overlap]:
+def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Iterator[_Overlap]:
     textures = [kept.texture for kept in sets]
     pairs: dict[tuple[str, str], list[KeptSet]] = {}
     for kept, match in zip(sets, matches, strict=True):

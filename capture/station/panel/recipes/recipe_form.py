@@ -28,7 +28,7 @@ _BOUNDS = ("least", "largest")
 
 
 @dataclass(frozen=True)
-class FormField:
+class _FormField:
     """A field of the form."""
 
     name: str
@@ -40,12 +40,12 @@ class FormField:
 
 
 @dataclass(frozen=True)
-class FormSection:
+class _FormSection:
     """Fields with a heading; `message` says what is wrong with their combination."""
 
     title: str
     hint: str
-    fields: tuple[FormField, ...]
+    fields: tuple[_FormField, ...]
     message: str = ""
 
     @property
@@ -55,7 +55,7 @@ class FormSection:
 
 
 @dataclass(frozen=True)
-class TextureField:
+class _TextureField:
     """A texture, and whether parts of it are good."""
 
     name: str
@@ -82,7 +82,7 @@ class RecipeForm:
         """Whether an entered value is wrong."""
         return bool(self._messages)
 
-    def sections(self) -> list[FormSection]:
+    def sections(self) -> list[_FormSection]:
         """Return all sections but the textures."""
         recipe = self._recipe
         sections = [
@@ -103,10 +103,10 @@ class RecipeForm:
         )
         return [FormSection("note", "", texts), *sections]
 
-    def textures(self) -> list[TextureField]:
+    def textures(self) -> list[_TextureField]:
         """Return the textures, each good or bad."""
         return [
-            TextureField(_use(number), texture, self._value(_use(number), number) == "pass")
+            _TextureField(_use(number), texture, self._value(_use(number), number) == "pass")
             for number, texture in enumerate(_textures(self._recipe))
         ]
 
@@ -126,7 +126,7 @@ class RecipeForm:
         model: type[Section],
         values: Section | None,
         names: str = "",
-    ) -> FormSection:
+    ) -> _FormSection:
         fields = []
         for key in model.model_fields:
             value = None if values is None else getattr(values, key)
@@ -142,9 +142,9 @@ class RecipeForm:
                 )
         together = [self._message((*place, key)) for key in RANGES if key in model.model_fields]
         together.append(self._message(place))
-        return FormSection(title, hint, tuple(fields), "; ".join(filter(None, together)))
+        return _FormSection(title, hint, tuple(fields), "; ".join(filter(None, together)))
 
-    def _field(self, place: Place, name: str, value: Any, label: str = "") -> FormField:
+    def _field(self, place: Place, name: str, value: Any, label: str = "") -> _FormField:
         key = str(place[-1] if not isinstance(place[-1], int) else place[-2])
         unit = next((unit for end, unit in _UNITS.items() if key.endswith(end)), "")
         text = label or key.replace("_", " ")
@@ -155,7 +155,7 @@ class RecipeForm:
             kind = "yes"
         elif key in _TEXTS:
             kind = "text"
-        return FormField(
+        return _FormField(
             name=name,
             label=f"{text}, {unit}" if unit else text,
             hint=COMMENTS.get(key, ""),
