@@ -46,12 +46,11 @@ class _Pool(Protocol):
 
 
 class Batch:
-    """Call functions for many items. Use it as a context, which ends the workers.
+    """Call functions for many items. Use it as a context, which ends the workers."""
 
-    With a `scheduler`, all items go to its Dask cluster. Otherwise the work begins in this process,
-    and after `start_up_s` the remaining items go to worker processes. For many `sets` the workers
-    start at once, and get all items but the first. Functions and items are pickled.
-    """
+    # With a `scheduler`, all items go to its Dask cluster. Otherwise the work begins in this
+    # process, and after `start_up_s` the remaining items go to worker processes. For many `sets`
+    # the workers start at once, and get all items but the first. Functions and items are pickled.
 
     def __init__(
         self,
@@ -122,12 +121,10 @@ class _Job(Generic[_Item, _Result]):
 def _in_order(
     pool: _Pool, function: Callable[[_Item], _Result], items: Iterator[_Item]
 ) -> Iterator[_Result]:
-    """Yield the results in order; after a worker's death, run suspects one at a time.
-
-    The death of one worker ends all futures and does not tell which item killed it. Items start in
-    order, so the running ones are among the first unfinished, one for each worker. An item that
-    runs alone and kills its worker again is the cause.
-    """
+    """Yield the results in order; after a worker's death, run suspects one at a time."""
+    # The death of one worker ends all futures and does not tell which item killed it. Items start
+    # in order, so the running ones are among the first unfinished, one for each worker. An item
+    # that runs alone and kills its worker again is the cause.
     jobs: deque[_Job[_Item, _Result]] = deque()
     suspect_count = 0
     while True:

@@ -53,11 +53,9 @@ def blur_basis(curves: FloatMap, rings: int) -> Floats:
 
 
 def blur_coordinates(levels: FloatMap, curves: FloatMap, basis: Floats, rings: int) -> FloatMap:
-    """(n, 4 m + 6) features and changes along m directions, and lengths of the remainders.
-
-    Of the six lengths three are a reference's, by knot; one is that of the statistics in its first
-    change; two are a test's, of the rings in its first and second change.
-    """
+    """(n, 4 m + 6) features and changes along m directions, and lengths of the remainders."""
+    # Of the six lengths three are a reference's, by knot; one is that of the statistics in its
+    # first change; two are a test's, of the rings in its first and second change.
     directions = basis.astype(np.float32)
     coordinates = levels @ directions.T
     changes = curves @ directions.T

@@ -38,12 +38,11 @@ _Plane = FloatMap | npt.NDArray[np.uint8]
 
 @dataclass(frozen=True, eq=False)
 class PartFields:
-    """Slopes and log albedo without their means, at half resolution.
+    """Slopes and log albedo without their means, at half resolution."""
 
-    The planes are padded to sides that suit a transform, and fade to 0 at borders and large gaps.
-    The moments, (h, w, 8), have not faded: the share of valid pixels in every cell, and its
-    products with the means of p, q, a, p^2, q^2, p q and a^2, where a is the log albedo.
-    """
+    # The planes are padded to sides that suit a transform, and fade to 0 at borders and large gaps.
+    # The moments, (h, w, 8), have not faded: the share of valid pixels in every cell, and its
+    # products with the means of p, q, a, p^2, q^2, p q and a^2, where a is the log albedo.
 
     p: FloatMap
     q: FloatMap

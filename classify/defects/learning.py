@@ -90,13 +90,11 @@ def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
 
 
 def common_limit(maxima: Floats, false_alarm_rate: float) -> float:
-    """The limit of one score, from the (parts, tiles) maxima of left-out good parts.
-
-    Tiles of one part are alike: N parts tell the level of the limit no better than to a standard
-    error of s / sqrt(N), where s is the standard deviation of the logarithms of the parts' highest
-    scores. The limit is the upper 95 % confidence bound of the extrapolated one. No limit of fewer
-    parts than 1 / rate is below the highest score of a good part.
-    """
+    """The limit of one score, from the (parts, tiles) maxima of left-out good parts."""
+    # Tiles of one part are alike: N parts tell the level of the limit no better than to a standard
+    # error of s / sqrt(N), where s is the standard deviation of the logarithms of the parts'
+    # highest scores. The limit is the upper 95 % confidence bound of the extrapolated one. No limit
+    # of fewer parts than 1 / rate is below the highest score of a good part.
     limit = float(limits_of(maxima[:, None], false_alarm_rate)[0])
     highest = maxima.max(axis=1)
     if len(maxima) * false_alarm_rate < 1.0:

@@ -166,12 +166,10 @@ MOST = 4096
 def nearest_references(
     classes: npt.NDArray[np.integer], bounds: Floats, compare: Callable[[Indices], Comparison]
 ) -> tuple[Indices, Comparison]:
-    """Compare all references that may be the nearest or runner-up, `MOST` at most.
-
-    The lowest bounds are compared first. With d1 the smallest distance, to class c, and d2 the
-    smallest to another class, references of c with a bound of at most d1, and others with a bound
-    of at most d2, are compared too; indices rise.
-    """
+    """Compare all references that may be the nearest or runner-up, `MOST` at most."""
+    # The lowest bounds are compared first. With d1 the smallest distance, to class c, and d2 the
+    # smallest to another class, references of c with a bound of at most d1, and others with a bound
+    # of at most d2, are compared too; indices rise.
     # NaN, which a mapped file may contain, gives no bound.
     bounds = np.fmax(bounds, 0.0)
     lowest = _lowest(bounds, FIRST)

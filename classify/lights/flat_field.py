@@ -100,8 +100,8 @@ class FlatField:
         return self.times(np.exp(np.log(cosines).mean()) / cosines)
 
     def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
-        """Divide by the strength of the light, less the ambient image, in float32; pixels that
-        reach `full_scale` get `saturation`.
+        """Subtract the ambient image, divide by the light's strength, and add it again, in float32;
+        pixels that reach `full_scale` get `saturation`.
         """
         return DividedStack(stack.images, stack.ambient, self, full_scale).materialised()
 
@@ -172,11 +172,9 @@ def _multiply(
     first: int, images: Array, dark: Array, coefficients: Array, bounds: Array, x: Array, y: Array,
     saturation: np.float32, top: np.float32, product: Array,
 ) -> None:  # fmt: skip
-    """Write `dark` + (images - `dark`) * factor to (N, n, W) `product`, from row `first` on.
-
-    The factor is exp of the polynomial with `coefficients` (N, 7, 7) of y^i x^j, clipped to
-    `bounds`. Pixels that reach `saturation` get the value `top`.
-    """
+    """Write `dark` + (images - `dark`) * factor to (N, n, W) `product`, from row `first` on."""
+    # The factor is exp of the polynomial with `coefficients` (N, 7, 7) of y^i x^j, clipped to
+    # `bounds`. Pixels that reach `saturation` get the value `top`.
     lights, rows, columns = product.shape
     step = max(1, max(len(x), len(y)) // _INTERVALS)
     up = np.float32(-2.0 / max(len(x), len(y)))  # y of a row less that of the row above

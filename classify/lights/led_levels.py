@@ -66,12 +66,10 @@ class _LevelFit:
 
 
 def fit_levels(terms: FloatMap, noises: FloatMap, level_spread: float) -> _LevelFit:
-    """Fit the factors w of mean 1 that make w . terms noise of variance 1.
-
-    Total least squares: `terms` (4, n) are nul_k i_k over the standard deviation of their sum,
-    `noises` the part of each square that is noise, `level_spread` the prior standard deviation of
-    levels.
-    """
+    """Fit the factors w of mean 1 that make w . terms noise of variance 1."""
+    # Total least squares: `terms` (4, n) are nul_k i_k over the standard deviation of their sum,
+    # `noises` the part of each square that is noise, `level_spread` the prior standard deviation of
+    # levels.
     exact, noise = terms.astype(np.float64), noises.astype(np.float64)
     # Weights 0 and 1: to copy the samples that agree takes longer.
     agreeing = np.ones(terms.shape[1])

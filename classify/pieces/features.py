@@ -29,14 +29,12 @@ _MIN_ALBEDO = np.float32(1e-2)
 
 
 def band_moments(surface: SurfaceEstimate) -> FloatMap:
-    """(h, w, MOMENTS) float32 means over cells of products of the fields.
-
-    First the energies of slopes and of log albedo a in the finest octave. Then for each octave,
-    with g = p + i q: |g|^2, real and imaginary parts of g^2 and of g^4 / |g|^2, a^2, and p a and
-    q a. Last the means of p, q and a, those of a in cells that overlap. A pixel of the coarsest
-    octave covers 2 x 2 cells. Rows and columns beyond the last two whole cells are left out.
-    InputError as `texture_fields`, or for a part with a side below 128 px.
-    """
+    """(h, w, MOMENTS) float32 means over cells of products of the fields."""
+    # First the energies of slopes and of log albedo a in the finest octave. Then for each octave,
+    # with g = p + i q: |g|^2, real and imaginary parts of g^2 and of g^4 / |g|^2, a^2, and p a and
+    # q a. Last the means of p, q and a, those of a in cells that overlap. A pixel of the coarsest
+    # octave covers 2 x 2 cells. Rows and columns beyond the last two whole cells are left out.
+    # InputError as `texture_fields`, or for a part with a side below 128 px.
     if min(surface.shape) < _MIN_SIDE_PX:
         raise InputError(
             f"a part of {surface.shape[1]} x {surface.shape[0]} px; its sides must be "

@@ -118,13 +118,12 @@ def _solve_consistent(
     images: Array, dark: np.float32, dark_variance: np.float32, lights: Array, gains: Array,
     directions: Array, saturation: np.float32, limits: Array, variance: np.float32, r: int, c: int,
 ) -> tuple[int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Leave out lights until the others agree; return the first, whether a highlight, and b.
-
-    Dark lights go first, then the one whose absence leaves the smallest residuals; of four, see
-    `_one_of_four`. With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its
-    absence subtracts e^2 / (1 - h) from the sum of squared residuals and multiplies the determinant
-    of L^T L by 1 - h (Cook and Weisberg 1982, Residuals and Influence in Regression, chapter 2).
-    """
+    """Leave out lights until the others agree; return the first, whether a highlight, and b."""
+    # Dark lights go first, then the one whose absence leaves the smallest residuals; of four, see
+    # `_one_of_four`. With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its
+    # absence subtracts e^2 / (1 - h) from the sum of squared residuals and multiplies the
+    # determinant of L^T L by 1 - h (Cook and Weisberg 1982, Residuals and Influence in Regression,
+    # chapter 2).
     count = len(images)
     used = np.ones(count, np.bool_)
     values = np.empty(count, np.float32)
@@ -244,12 +243,10 @@ def _one_of_four(
     images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array,
     used: Array, eligible: Array, values: Array, errors: Array, any_dark: bool, r: int, c: int,
 ) -> int:  # fmt: skip
-    """The light to leave out of four; -1 for none.
-
-    Any three lights fit a normal exactly, so residuals cannot decide. The darkest light goes if
-    one is dark. Otherwise the darkest of those below the fit (a shadow) or the brightest of those
-    above it (a highlight) goes, whichever leaves the flatter surface.
-    """
+    """The light to leave out of four; -1 for none."""
+    # Any three lights fit a normal exactly, so residuals cannot decide. The darkest light goes if
+    # one is dark. Otherwise the darkest of those below the fit (a shadow) or the brightest of those
+    # above it (a highlight) goes, whichever leaves the flatter surface.
     darkest, low, high = -1, -1, -1
     for k in range(len(values)):
         if eligible[k]:

@@ -45,14 +45,12 @@ def _drop_darkest(
     dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
-    """Leave out the darkest of four values (the mean of ties), solve from the other three.
-
-    With nul the left null vector of the lights, r = nul . i is 0 for a Lambertian pixel lit by all
-    four, so the others predict i_k - r / nul_k for light k; with that in place of i_k any three
-    values give b. A slope is valid where b_z^2 >= `noise_floor` rho, no light is saturated, and the
-    second darkest light is out of shadow; of n equally dark lights the mean corrects each by 1 / n
-    of r / nul_k only, so the second darkest value is lowered by the rest.
-    """
+    """Leave out the darkest of four values (the mean of ties), solve from the other three."""
+    # With nul the left null vector of the lights, r = nul . i is 0 for a Lambertian pixel lit by
+    # all four, so the others predict i_k - r / nul_k for light k; with that in place of i_k any
+    # three values give b. A slope is valid where b_z^2 >= `noise_floor` rho, no light is saturated,
+    # and the second darkest light is out of shadow; of n equally dark lights the mean corrects each
+    # by 1 / n of r / nul_k only, so the second darkest value is lowered by the rest.
     columns = p.shape[1]
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null

@@ -104,17 +104,15 @@ def _gate(
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
     dropped: Array, highlights: Array, unlit: Array,
 ) -> None:  # fmt: skip
-    """Solve rows by least squares, without the light to blame where they disagree.
-
-    b = L+ i - share sum_k w_k L+[:, k] / nul_k. The share (1 - T^2 / r^2) r of the redundancy
-    residual r = nul . i is 0 for |r| < T (positive-part estimator of James and Stein, 1961); the
-    weights w_k are the inverse fourth powers of the slopes without light k, because flatter
-    surfaces are likelier. T is the largest of three standard deviations of noise, `TOLERANCE` and
-    `spread` times the brightness. A dark or saturated light takes all the blame, and T is one
-    standard deviation. `noise` (3,) is a, b and black of the variance a + b (value - black),
-    `corrections` (3, 4) is pinv / null; `unlit` gets 0, `LOST` or the bits of the lights in shadow
-    or saturated.
-    """
+    """Solve rows by least squares, without the light to blame where they disagree."""
+    # b = L+ i - share sum_k w_k L+[:, k] / nul_k. The share (1 - T^2 / r^2) r of the redundancy
+    # residual r = nul . i is 0 for |r| < T (positive-part estimator of James and Stein, 1961); the
+    # weights w_k are the inverse fourth powers of the slopes without light k, because flatter
+    # surfaces are likelier. T is the largest of three standard deviations of noise, `TOLERANCE` and
+    # `spread` times the brightness. A dark or saturated light takes all the blame, and T is one
+    # standard deviation. `noise` (3,) is a, b and black of the variance a + b (value - black),
+    # `corrections` (3, 4) is pinv / null; `unlit` gets 0, `LOST` or the bits of the lights in
+    # shadow or saturated.
     columns = p.shape[1]
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null

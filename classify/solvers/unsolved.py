@@ -56,13 +56,11 @@ def link(
     unsolved: Unsolved, unlit: Array, curl_weight: np.float32,
     p: Array, q: Array, albedo: Array, strip_px: int,
 ) -> None:  # fmt: skip
-    """Find the neighbours of each pixel, and sum up those that are solved (`unlit` 0).
-
-    Minimised are the squared steps of slope and albedo between neighbours, and the squared curl
-    around each four pixels. At one pixel the minimum of p is a weighted mean of the mean of p at
-    the four neighbours, with weight 1, and, with weight 4 curl_weight, of (2 (p_n + p_s - p_w -
-    p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4; likewise for q.
-    """
+    """Find the neighbours of each pixel, and sum up those that are solved (`unlit` 0)."""
+    # Minimised are the squared steps of slope and albedo between neighbours, and the squared curl
+    # around each four pixels. At one pixel the minimum of p is a weighted mean of the mean of p at
+    # the four neighbours, with weight 1, and, with weight 4 curl_weight, of (2 (p_n + p_s - p_w -
+    # p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4; likewise for q.
     factors = neighbour_factors(curl_weight)
 
     def link_part(first: int, last: int) -> None:

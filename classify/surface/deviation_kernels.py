@@ -38,13 +38,11 @@ def propagate_errors(
     p: Array, q: Array, albedo: Array, dropped: Array, model: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
-    """Write the deviations of some rows.
-
-    `raw` are the pixel values before they were divided, None if they were not; `corrections`
-    (4, 3) the columns of pinv / nul, and `common` (2, 6) the covariances of b from errors of
-    variance 1 of each image, and of one error in all images. Where a light was left out, lobes are
-    those of slopes times `flatter`; `strengths` is None where there is no gloss.
-    """
+    """Write the deviations of some rows."""
+    # `raw` are the pixel values before they were divided, None if they were not; `corrections` (4,
+    # 3) the columns of pinv / nul, and `common` (2, 6) the covariances of b from errors of variance
+    # 1 of each image, and of one error in all images. Where a light was left out, lobes are those
+    # of slopes times `flatter`; `strengths` is None where there is no gloss.
     shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
     covariances, without = (_six(common[0]), _six(common[1])), _four(corrections)
     zero, one = np.float32(0.0), np.float32(1.0)

@@ -87,11 +87,9 @@ def least_over_blurs(
     rings: int,
     penalty: np.float32,
 ) -> tuple[Floats, Floats]:
-    """(n,) least squared distances over blurs, with a penalty, and (n,) variances in px^2.
-
-    Features are (d,) and (n, d), the `rings` means first, their changes at the knots (3, d) and (n,
-    3, d); a variance is that of the test minus that of the reference.
-    """
+    """(n,) least squared distances over blurs, with a penalty, and (n,) variances in px^2."""
+    # Features are (d,) and (n, d), the `rings` means first, their changes at the knots (3, d) and
+    # (n, 3, d); a variance is that of the test minus that of the reference.
     least = np.empty((len(references), 2), np.float64)
     rows = partial(_least_rows, test, test_curve, references, curves, rings, penalty, least)
     run_on_rows(rows, references.shape)

@@ -70,12 +70,10 @@ def sum_tiles(sums: Array, begin: int, end: int, totals: Array) -> None:
 
 
 def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> _Complex:
-    """(..., 6) complex moments without unit, from (..., 13) sums of `add_row`.
-
-    With g = p + i q minus its mean, z and a the responses of relief and albedo, these are the means
-    of |g|^2 g, z^2 g, a g, a^2 g, a z g and g^3 divided by the rms of each factor. A rotation by t
-    multiplies the first five by exp(i t), the last by exp(3 i t).
-    """
+    """(..., 6) complex moments without unit, from (..., 13) sums of `add_row`."""
+    # With g = p + i q minus its mean, z and a the responses of relief and albedo, these are the
+    # means of |g|^2 g, z^2 g, a g, a^2 g, a z g and g^3 divided by the rms of each factor. A
+    # rotation by t multiplies the first five by exp(i t), the last by exp(3 i t).
     means = sums / counts[..., None]
     tiny = 1e-12
     g = np.sqrt(means[..., 0] + tiny)

@@ -139,11 +139,9 @@ def _segment_row(plane: Array, corner: Array, r: int, side: int) -> Array:
 
 @kernel
 def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
-    """Add the powers of one segment or two to the sums.
-
-    If C is the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is Y(k)
-    = (C(k) - C*(-k)) / 2i; and C(k) C(-k) = |X|^2 - |Y|^2 + 2i Re X Y*.
-    """
+    """Add the powers of one segment or two to the sums."""
+    # If C is the transform of x + i y, that of x is X(k) = (C(k) + C*(-k)) / 2 and that of y is
+    # Y(k) = (C(k) - C*(-k)) / 2i; and C(k) C(-k) = |X|^2 - |Y|^2 + 2i Re X Y*.
     side = len(albedo)
     columns = side // 2 + 1
     # Re C(k), Im C(k), Re C(-k) and Im C(-k) of a row of wave vectors k.

@@ -42,13 +42,12 @@ _ROWS = 64
 
 @dataclass(frozen=True, eq=False)
 class LocalStatistics:
-    """Moments of relief and albedo responses on each level of a pyramid of octaves.
+    """Moments of relief and albedo responses on each level of a pyramid of octaves."""
 
-    Row 0 is the frame, 1 to 4 its quarters; relief is -(dp/dx + dq/dy), albedo minus the Laplacian.
-    The 8 moments are variances, third central moments and fourth cumulants of relief and albedo,
-    their covariance, and the variance of the curl dq/dx - dp/dy, an estimate of the error of
-    relief.
-    """
+    # Row 0 is the frame, 1 to 4 its quarters; relief is -(dp/dx + dq/dy), albedo minus the
+    # Laplacian. The 8 moments are variances, third central moments and fourth cumulants of relief
+    # and albedo, their covariance, and the variance of the curl dq/dx - dp/dy, an estimate of the
+    # error of relief.
 
     moments: Floats  # (5, levels, 8)
     energies: Floats  # (5, 2 levels, 2 levels) covariances of log local energy

@@ -75,10 +75,8 @@ def list_cameras() -> list[ListedCamera]:
 
 
 def camera_config(values: Any) -> Any:
-    """Validate the section [camera] as that of its kind.
-
-    Keys of other kinds that have their default are dropped, so that a file may list every key.
-    """
+    """Validate the section [camera] as that of its kind."""
+    # Keys of other kinds that have their default are dropped, so that a file may list every key.
     if not isinstance(values, dict):
         return values
     kind = CAMERA_KINDS.get(str(values.get("kind")))

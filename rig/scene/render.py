@@ -78,12 +78,10 @@ def render_scene(
     lobe_exponent: float = 0.0,
     gloss: Gloss | None = None,
 ) -> SceneImages:
-    """Render a patch: albedo max(n . l, 0) intensity, and 0 in cast shadow.
-
-    The border of `margin_px` casts shadows only. Light of `led_distance_px`, one or (N,), falls off
-    with the square of the distance and as cos^m (`lobe_exponent`; 1 is Lambert's law) about an axis
-    to the centre of the frame.
-    """
+    """Render a patch: albedo max(n . l, 0) intensity, and 0 in cast shadow."""
+    # The border of `margin_px` casts shadows only. Light of `led_distance_px`, one or (N,), falls
+    # off with the square of the distance and as cos^m (`lobe_exponent`; 1 is Lambert's law) about
+    # an axis to the centre of the frame.
     if not 0 <= 2 * margin_px < min(patch.height.shape):
         raise InputError(f"a margin of {margin_px} px leaves nothing of {patch.height.shape}")
     if not (math.isfinite(ambient) and ambient >= 0.0):

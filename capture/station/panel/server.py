@@ -119,11 +119,9 @@ def serving_panel(
     listener: socket.socket | None = None,
     ended: Callable[[], None] = lambda: None,
 ) -> Iterator[str]:
-    """Serve a panel while the block runs; yield its address.
-
-    `listener` is the socket of a run, None for an own one; `ended` is called in another thread when
-    the server has ended.
-    """
+    """Serve a panel while the block runs; yield its address."""
+    # `listener` is the socket of a run, None for an own one; `ended` is called in another thread
+    # when the server has ended.
     settings = panel.settings
     tls = tls_context(panel.folder.path, settings)
     listener = listener or panel_listener(panel.folder.path, settings)

@@ -124,11 +124,9 @@ class ResultStore:
         self, *, trigger: str, triggered_utc: str, simulated: bool, part_id: str | None = None,
         require: Callable[[], None] = lambda: None,
     ) -> BegunPart:  # fmt: skip
-        """Record an accepted trigger before the first exposure, and give the part its number.
-
-        After `ResultsUnavailable` the part is not begun, or `unfinished` lists it. Nor is it begun
-        if `require` raises, which is called when the database is locked for the row.
-        """
+        """Record an accepted trigger before the first exposure, and give the part its number."""
+        # After `ResultsUnavailable` the part is not begun, or `unfinished` lists it. Nor is it
+        # begun if `require` raises, which is called when the database is locked for the row.
         if part_id is not None:
             require_given_part_id(part_id)
         require_utc(triggered_utc)

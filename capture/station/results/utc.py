@@ -19,11 +19,9 @@ def require_utc(text: str) -> str:
 
 
 def utc_bound(option: str, text: str, *, is_end: bool = False, is_local: bool = False) -> str:
-    """Return the time of a bound that a person gave in ISO 8601, by default UTC without an offset.
-
-    `is_end` takes the last millisecond of a date, or of a time in minutes, instead of the first,
-    and the later one of two equal times on the day on which the clock is set back.
-    """
+    """Return the time of a bound in ISO 8601, by default UTC without an offset."""
+    # `is_end` takes the last millisecond of a date, or of a time in minutes, instead of the first,
+    # and the later one of two equal times on the day on which the clock is set back.
     try:
         if len(text) == _DAY_LENGTH:
             text = f"{date.fromisoformat(text)}T{'23:59' if is_end else '00:00'}"

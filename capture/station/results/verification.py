@@ -19,12 +19,9 @@ from .store import ResultStore, open_store
 
 
 def verify_station(folder: Path, head: str | None = None) -> Iterator[FileFinding]:
-    """Compare the results of a station with the hashes and names of its set files.
-
-    `head` is a hash of its chain that was kept elsewhere, and must still be in it.
-
-    Findings about the results themselves are listed under ``station.toml``.
-    """
+    """Compare the results of a station with the hashes and names of its set files."""
+    # `head` is a hash of its chain that was kept elsewhere, and must still be in it.
+    # Findings about the results themselves are listed under ``station.toml``.
     try:
         config = StationFolder(folder).config
         with open_store(config.results_in(folder), config.name, alone=False) as store:

@@ -112,11 +112,9 @@ class StationRig:
         return True
 
     def missed_parts(self) -> int:
-        """Return the number of parts since the last call that passed the sensor without a wait.
-
-        Parts that pass while the rig is closed count; those before a restart of the controller do
-        not.
-        """
+        """Return the number of parts since the last call that passed the sensor without a wait."""
+        # Parts that pass while the rig is closed count; those before a restart of the controller do
+        # not.
         lights = self._opened().lights
         counted, controller = parts_seen(lights), lights.identity.serial_number
         before, is_known = self._counted, controller == self._controller
