@@ -61,7 +61,7 @@ class Changeover:
         if not self._one.acquire(timeout=TIMEOUT_S):
             raise RecipeRefused("another recipe is being loaded", RecipeRefusal.BUSY)
         try:
-            request = WantedRecipe(self._recipes.load(name, by, self._raise_if_cancelled), by)
+            request = _WantedRecipe(self._recipes.load(name, by, self._raise_if_cancelled), by)
             self._raise_if_cancelled()
             yield request
         except RecipeRefused as error:

@@ -166,4 +166,4 @@ def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Itera
         if other is not None and (confused or undecided or match.label == other):
             pairs.setdefault((kept.texture, other), []).append(kept)
     for (texture, other), kept_sets in pairs.items():
-        yield Overlap(texture, other, tuple(kept_sets), textures.count(texture))
+        yield _Overlap(texture, other, tuple(kept_sets), textures.count(texture))

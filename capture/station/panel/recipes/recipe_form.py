@@ -101,7 +101,7 @@ class RecipeForm:
             self._field(("note",), "note", recipe.note),
             self._field(("acknowledged",), "acknowledged", known),
         )
-        return [FormSection("note", "", texts), *sections]
+        return [_FormSection("note", "", texts), *sections]
 
     def textures(self) -> list[_TextureField]:
         """Return the textures, each good or bad."""
