@@ -41,10 +41,10 @@ _FRAME_WEIGHT = np.float32(1e-3)
 _TINY = np.float32(1e-30)
 # Gloss makes solved slopes too steep. Where a light was left out there is no residual to correct
 # them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
-_GLOSS_SLOPE_FACTOR = np.float32(0.55)
-_MAX_UNROLLED_LIGHTS = 8  # lights; loops over more take long to compile
-# A lobe must explain residuals by as many standard deviations; one that explains this share of what
-# the best explains is as likely.
+_FLATTER = np.float32(0.55)
+_MOST_UNROLLED = 8  # lights; loops over more take long to compile
+# A lobe must explain residuals by as many standard deviations. With the one residual of four lights,
+# one that explains this share of what the best explains is as likely.
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
 
 
@@ -213,15 +213,18 @@ def _lobes(towards: Array, p: FloatMap, q: FloatMap) -> FloatMap:
 
 
 def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
-    """Strengths of the sharper half of the lobes (powers, N, n) that explain residuals equally
-    well, 0 if none does: broad ones look matt.
+    """Strengths of the lobes that explain residuals best; 0 if none does.
+
+    `shapes` (powers, N, n) are the residuals of the lobes. Of lobes that explain as much, the mean
+    of the sharper half and the middle is taken: a broad lobe is hardly told from a matt surface.
     """
     products = (weights * (shapes * residuals).sum(axis=1)).sum(axis=1)
     squares = (weights * np.square(shapes).sum(axis=1)).sum(axis=1)
     gains = np.maximum(products, 0.0) ** 2 / np.maximum(squares, _TINY)
     strengths = np.zeros(POWERS)
     if gains.max() > _SIGNIFICANT**2:
-        likely = np.flatnonzero(gains >= _AS_LIKELY * gains.max())
-        chosen = likely[len(likely) // 2 :]
+        least = _AS_LIKELY if shapes.shape[1] == 4 else 1.0
+        likely = np.flatnonzero(gains >= least * gains.max())
+        chosen = likely[(len(likely) - 1) // 2 :]
         strengths[chosen] = products[chosen] / squares[chosen] / len(chosen)
     return strengths
