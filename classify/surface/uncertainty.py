@@ -43,8 +43,8 @@ _TINY = np.float32(1e-30)
 # them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
 _FLATTER = np.float32(0.55)
 _MOST_UNROLLED = 8  # lights; loops over more take long to compile
-# A lobe must explain residuals by as many standard deviations. With the one residual of four lights,
-# one that explains this share of what the best explains is as likely.
+# A lobe must explain residuals by as many standard deviations. With the one residual of four
+# lights, one that explains this share of what the best explains is as likely.
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
 
 

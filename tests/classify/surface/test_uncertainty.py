@@ -109,10 +109,10 @@ def test_any_number_of_lights_has_deviations(lights: int) -> None:
     assert 0.92 < held(scene, surface, ~scene.shadowed.any(axis=0)) < 0.97
 
 
-@pytest.mark.parametrize("lights", [5, 6, 7])
-def test_gloss_under_lights_that_do_not_fill_eight_has_deviations(lights: int) -> None:
+@pytest.mark.parametrize("lights", [5, 6, 7, 9])
+def test_gloss_under_more_than_four_lights_is_in_the_deviation(lights: int) -> None:
     lighting = Lighting.from_angles([360.0 / lights * k for k in range(lights)], 45.0)
     rock, gloss = synthetic_surface("rock", 0, 2 * SIDE), Gloss(0.05, 20.0)
     scene = render_frame(rock, lighting, SIDE, gloss=gloss)
     surface = solved(SimulatedSet.expose(scene, lighting, SensorModel(bit_depth=12), 0))
-    assert held(scene, surface, ~scene.shadowed.any(axis=0)) > 0.85
+    assert held(scene, surface, ~scene.shadowed.any(axis=0)) > 0.95
