@@ -5,7 +5,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 
 import numpy as np
 
@@ -42,9 +42,9 @@ SPECTRAL_SHARE = "spectral_share"
 CONTRAST_GAINS = "contrast_gains"
 """Parameter: factor of the contrast of each channel in a distance."""
 
-# A ring counts by its number of DFT cells, which grows with its radius in bins up to this cap:
-# without a cap the highest frequencies, which hold most of the noise, would outvote all others.
-_CAP_BINS = 8.0
+RING_CAP = "ring_cap"
+"""Parameter: radius in bins up to which rings count by their radius."""
+
 # Share of the power of relief that counts as power of albedo. Penumbra, gloss and LEDs that are
 # 5 % weaker than assumed leak about as much of the relief into the albedo.
 _ALBEDO_LEAK = 0.004
@@ -127,47 +127,47 @@ def spectral_series(polar: FloatMap, parameters: Parameters) -> Complex:
     return harmonics(_channels(polar, parameters))
 
 
-def contrasts(polar: FloatMap, density_floor: Floats) -> FloatMap:
+def contrasts(polar: FloatMap, parameters: Parameters) -> FloatMap:
     """(..., 3) contrasts of (..., 3, R, A) densities: weighted sums over all rings."""
-    return _contrasts(_weighted_channels(polar, density_floor))
+    weights = _root_weights(parameters)
+    return _contrasts(_weighted_channels(polar, parameters, weights), weights)
 
 
-def _contrasts(channels: FloatMap) -> FloatMap:
-    levels = np.einsum("cr,...cra->...c", _contrast_directions(), channels)
+def _contrasts(channels: FloatMap, weights: FloatMap) -> FloatMap:
+    levels = np.einsum("cr,...cra->...c", _directions(weights), channels)
     return np.asarray(levels / np.float32(np.sqrt(channels.shape[-1])), np.float32)
 
 
 def _channels(polar: FloatMap, parameters: Parameters) -> FloatMap:
-    channels = _weighted_channels(polar, parameters["density_floor"])
+    weights = _root_weights(parameters)
+    channels = _weighted_channels(polar, parameters, weights)
     factors = (parameters[CONTRAST_GAINS] - 1.0) / np.sqrt(polar.shape[-1])
-    changes = factors.astype(np.float32) * _contrasts(channels)
-    channels += (changes[..., None] * _contrast_directions())[..., None]
+    changes = factors.astype(np.float32) * _contrasts(channels, weights)
+    channels += (changes[..., None] * _directions(weights))[..., None]
     return channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1])
 
 
-def _weighted_channels(polar: FloatMap, density_floor: Floats) -> FloatMap:
-    floor = np.float32(density_floor)
+def _weighted_channels(polar: FloatMap, parameters: Parameters, weights: FloatMap) -> FloatMap:
+    floor = np.float32(parameters["density_floor"])
     relief = polar[..., 0, :, :] + floor
     albedo = polar[..., 1, :, :] + np.float32(_ALBEDO_LEAK) * polar[..., 0, :, :] + floor
     channels = np.stack(
         [np.log(relief), np.log(albedo), polar[..., 2, :, :] / np.sqrt(relief * albedo)], axis=-3
     )
-    channels *= _root_weights(_CHANNEL_WEIGHTS, _CAP_BINS)[..., None]
+    channels *= weights[..., None]
     return channels
 
 
-@lru_cache(maxsize=1)
-def _contrast_directions() -> FloatMap:
+def _directions(weights: FloatMap) -> FloatMap:
     """(3, R) weights of rings in the contrast of each channel, of sum of squares 1."""
-    roots = _root_weights(_CHANNEL_WEIGHTS, _CAP_BINS)
-    return np.asarray(roots / np.linalg.norm(roots, axis=1, keepdims=True), np.float32)
+    return np.asarray(weights / np.linalg.norm(weights, axis=1, keepdims=True), np.float32)
 
 
-@lru_cache(maxsize=8)
-def _root_weights(channel_weights: tuple[float, ...], cap_bins: float) -> FloatMap:
+def _root_weights(parameters: Parameters) -> FloatMap:
+    """(3, R) roots of the weights of the rings of each channel."""
     # Radii in bins of 128 px segments; in other segments only the last rings have other radii.
-    bins = np.minimum(polar_radii_px(128), cap_bins)
-    weights = np.outer(channel_weights, bins)
+    bins = np.minimum(polar_radii_px(128), parameters[RING_CAP])
+    weights = np.outer(_CHANNEL_WEIGHTS, bins)
     roots: FloatMap = np.sqrt(weights / weights.sum()).astype(np.float32)
     return roots
 

@@ -25,6 +25,7 @@ from .joint_features import (
     ALBEDO_GAINS,
     CHANNELS,
     CONTRAST_GAINS,
+    RING_CAP,
     SERIES,
     SPECTRAL_SHARE,
     JointTraining,
@@ -57,9 +58,9 @@ _PATCH_SPREAD = 0.26
 _LIMIT_DEVIATIONS = 2.33
 # Mean and standard deviation of the least of one, two and three normal numbers. More sets count as
 # three: they seldom show as many independent patches.
-_MINIMUM_OF_NORMALS = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
-# Below this side the limit falls with the eighth root of the side, by 8 % at 128 px: smaller frames
-# distinguish textures less well.
+_LEAST_NORMAL = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
+# Below this side the limit falls with the twelfth root of the side, by 6 % at 128 px: smaller
+# frames distinguish textures less well.
 _SUFFICIENT_PX = 256
 # Most sets of one class, and most references of lowest bound, that are compared: more would take
 # minutes and change little.
@@ -92,10 +93,8 @@ def limit_factors(
 
 def unit_limit(pixels: float) -> float:
     """Limit of a class of scatter 1 with one set, for frames of that many pixels."""
-    limit = _MEDIAN_DISTANCE * math.exp(
-        _LIMIT_DEVIATIONS * math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
-    )
-    return float(limit * min(pixels / _SUFFICIENT_PX**2, 1.0) ** (1 / 16))
+    limit = _MEDIAN * math.exp(_DEVIATIONS * math.hypot(_CLASS_SPREAD, _PATCH_SPREAD))
+    return float(limit * min(pixels / _SUFFICIENT_PX**2, 1.0) ** (1 / 24))
 
 
 def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
@@ -149,6 +148,11 @@ def class_limits(
 # Weight of the distance of spectra; 1 minus it is the weight of the statistics.
 # classify/DECISIONS.md compares others.
 _SPECTRAL_SHARE = 0.5
+# A ring counts by its number of DFT cells, which grows with its radius in bins up to this cap:
+# without a cap the highest frequencies, which hold most of the noise, would outvote all others. In
+# frames below `_SUFFICIENT_PX` squared the cap grows with the missing area: see "Small frames" in
+# classify/DECISIONS.md.
+_CAP_BINS = 8.0
 # A floor is this many times the error, the power of the curl, which a relief does not have.
 # Without floors logarithms fail at slant 70, where errors from shadow fill the weak bins. The
 # upper quartile of the sets counts: a part in little shadow has more in other orientations.
@@ -183,6 +187,7 @@ _MIN_DISTANCE = 0.1
 def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Parameters:
     """Floors, whitening, units and the limit of a class of scatter 1."""
     frames = [training.frame for training in trainings]
+    pixels = float(np.median([float(frame.pixels) for frame in frames]))
     densities = [frame.curl_density for frame in frames]
     curls = [frame.statistics.moments[0, :, 7] for frame in frames]
     density_floor = np.array(
@@ -193,6 +198,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
     )
     floors = {
         "density_floor": density_floor,
+        RING_CAP: np.array(_CAP_BINS * max(_SUFFICIENT_PX**2 / pixels, 1.0)),
         "relief_floors": relief_floors,
         "albedo_floors": relief_floors * np.array(ALBEDO_GAINS[: len(relief_floors)]),
     }
@@ -200,7 +206,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
     whitening = _whitening(statistics[:, 1:], len(relief_floors))
     metric = {
         **floors,
-        CONTRAST_GAINS: _contrast_gains(trainings, density_floor),
+        CONTRAST_GAINS: _contrast_gains(trainings, floors),
         "whitening": whitening,
     }
     spectral, local = quarter_distances(trainings, statistics, metric)
@@ -209,7 +215,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
         **metric,
         SPECTRAL_SHARE: np.array(_SPECTRAL_SHARE),
         "heading_variances": np.mean(variances, axis=0),
-        "pixels": np.array(np.median([float(frame.pixels) for frame in frames])),
+        "pixels": np.array(pixels),
         "spectral_scatter": np.array(_spectral_unit(spectral.mean(axis=1))),
         "local_scatter": np.array(max(float(local.mean()), _MIN_DISTANCE)),
     }
@@ -217,7 +223,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
         [blur_curve(training.frame, training.blurred, learned) for training in trainings]
     )
     learned[BLUR_BASIS] = blur_basis(curves, SERIES)
-    return {**learned, "limit": np.array(unit_limit(float(learned["pixels"])))}
+    return {**learned, "limit": np.array(unit_limit(pixels))}
 
 
 def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
@@ -226,7 +232,7 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
     length = statistics_length(levels)
     numbers = ("density_floor", "pixels", "spectral_scatter", "local_scatter", "limit")
     return {
-        **dict.fromkeys((*numbers, SPECTRAL_SHARE), ()),
+        **dict.fromkeys((*numbers, SPECTRAL_SHARE, RING_CAP), ()),
         **dict.fromkeys(("relief_floors", "albedo_floors"), (levels,)),
         "heading_variances": (levels - 1, MOMENTS),
         "whitening": (length, length),
@@ -235,9 +241,9 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
     }
 
 
-def _contrast_gains(trainings: Sequence[JointTraining], density_floor: Floats) -> Floats:
+def _contrast_gains(trainings: Sequence[JointTraining], parameters: Parameters) -> Floats:
     """(3,) gains of the contrast of each channel, from its variance between quarters."""
-    levels = np.stack([contrasts(training.quarters, density_floor) for training in trainings])
+    levels = np.stack([contrasts(training.quarters, parameters) for training in trainings])
     measured = levels.var(axis=1, ddof=1, dtype=np.float64).sum(axis=0)
     typical = _TYPICAL_SETS * np.array(_TYPICAL_CONTRASTS)
     variances = (measured + typical) / (len(levels) + _TYPICAL_SETS)

@@ -10,6 +10,7 @@ from classify import InputError, Lighting, TextureLibrary, photometric_stereo
 from classify.classifiers import classifier_named, joint_features
 from classify.classifiers.joint_features import CONTRAST_GAINS, spectral_series
 from classify.library.training import observe
+from classify.texture.spectra import ANGLES, RADII
 from tests.angles import off_deg
 
 JOINT = classifier_named("joint")
@@ -100,6 +101,14 @@ def test_twins_of_equal_spectrum_are_distinguished(stationary) -> None:
             assert match.margin > 0.5
             margins.append(spectra.classify(surface).margin)
     assert np.median(margins) < 0.5
+
+
+@pytest.mark.parametrize(("side", "most"), [(128, 32.0), (256, 8.0), (512, 8.0)])
+def test_fine_rings_count_more_in_small_frames(stationary, side: int, most: float) -> None:
+    parameters = TextureLibrary.train([("sand", stationary("sand", side=side))]).parameters
+    white = np.ones((3, RADII, ANGLES), np.float32)
+    rings = np.abs(spectral_series(white, parameters)[RADII : 2 * RADII, 0])  # of the albedo
+    assert (rings[-1] / rings[0]) ** 2 == pytest.approx(most / 2.0, rel=0.01)
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 5])
