@@ -50,7 +50,8 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     _choose_lines(values, problem.dark_level, solutions, bits, pairs, lines)
     unsolved = Unsolved.of(pixels, lines, pairs, along)
     planes = maps.p, maps.q, maps.albedo
-    albedo_weight, curl_weight = neighbour_weights(*planes, unlit, _squares(problem.shape))
+    weights = neighbour_weights(*planes, unlit, _squares(problem.shape))
+    albedo_weight, curl_weight = map(np.float32, weights)  # compiled functions return float
     # A step takes 25 ns per pixel, and handing a part to a thread 25 us: shorter parts would cost
     # as much as they save.
     part = max(1, strip_px // 32)
@@ -106,15 +107,15 @@ def _squares(shape: tuple[int, int]) -> Indices:
 
 @lru_cache(maxsize=8)
 def _lines_of_two_lights(lighting: Lighting) -> tuple[FloatMap, FloatMap]:
-    """(6, 3, 2) pseudo-inverses b0 = solutions[pair] (i_j, i_k) and (7, 3) unit directions d, d_z
-    >= 0, of two lights; the last is no line.
+    """(6, 3, 2) pseudo-inverses b0 = solutions[pair] (i_j, i_k) and (8, 3) unit directions d, d_z
+    >= 0, of two lights; the last two d are 0: no line.
     """
     first, second = lighting.directions[_FIRST], lighting.directions[_SECOND]
     cosines = (first * second).sum(axis=1, keepdims=True)
     solutions = np.stack([first - cosines * second, second - cosines * first], axis=2)
     solutions /= (1.0 - cosines**2)[..., None]
-    along = np.zeros((len(_PAIRS) + 1, 3), np.float32)
+    along = np.zeros((len(_PAIRS) + 2, 3), np.float32)
     d = first[:, _NEXT] * second[:, _LAST] - first[:, _LAST] * second[:, _NEXT]
     sines = np.sqrt((d * d).sum(axis=1, keepdims=True))
-    along[:-1] = d / np.where(d[:, 2:] < 0.0, -sines, sines)
+    along[:-2] = d / np.where(d[:, 2:] < 0.0, -sines, sines)
     return solutions.astype(np.float32), along

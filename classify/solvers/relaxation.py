@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from classify.base.arrays import Array
-from classify.base.compiling import kernel
+from classify.base.compiling import kernel, kernel_part
 
 from .unsolved import (
     FIRST_WEIGHTS,
@@ -34,6 +34,8 @@ _MIN_NZ = np.float32(0.26)
 # Squared slope by which a step may overshoot, as accelerated steps do at first. With more they
 # diverge, with less they stop early (evidence.true_normals, thirty textures at slant 70).
 _OVERSHOOT = np.float32(0.01)
+# Pixels whose targets are found before they are moved.
+_BLOCK = 256
 # Additional weight of the curl, which is zero for every surface, while steps of slope are not.
 _CURL = 2.0
 
@@ -73,13 +75,13 @@ def neighbour_weights(
     return np.float32(min(albedo_weight, 100.0)), np.float32(min(curl_weight, 30.0))
 
 
-@kernel
+@kernel_part
 def _line(lines: Array, n: int) -> _Vector4:
     """A line and its t, as numbers: arrays cost the functions below a fifth of their time."""
     return lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3]
 
 
-@kernel
+@kernel_part
 def _direction(along: Array, pair: np.uint8) -> _Vector3:
     return along[pair, 0], along[pair, 1], along[pair, 2]
 
@@ -112,13 +114,13 @@ def _first_on_line(
     return p, q, rho, best
 
 
-@kernel
+@kernel_part
 def _step_along_line(
-    t: np.float32, z: np.float32, d: _Vector3, p: np.float32, q: np.float32, rho: np.float32,
-    P: np.float32, Q: np.float32, A: np.float32,
+    line: _Vector4, d: _Vector3, start: _Vector3, target: _Vector3,
     slope_weight: np.float32, albedo_weight: np.float32,
 ) -> np.float32:  # fmt: skip
-    """Find the Gauss-Newton step of t along a line, from p, q, rho towards P, Q, A."""
+    """Find the Gauss-Newton step of t along a line, from slopes and albedo towards others."""
+    (p, q, rho), (P, Q, A), (_, _, z, t) = start, target, line
     inverse = np.float32(1.0) / (z + t * d[2])
     dp, dq = -(d[0] + p * d[2]) * inverse, -(d[1] + q * d[2]) * inverse
     dr = t / rho
@@ -128,31 +130,26 @@ def _step_along_line(
     return np.float32(-slope / curvature)
 
 
-@kernel
-def _downhill(
-    line: _Vector4, d: _Vector3, move: np.float32, p: np.float32, q: np.float32, rho: np.float32,
-    P: np.float32, Q: np.float32, A: np.float32,
+@kernel_part
+def _moved_along_line(
+    line: _Vector4, d: _Vector3, move: np.float32, start: _Vector3, target: _Vector3,
     slope_weight: np.float32, albedo_weight: np.float32,
-) -> _Vector4:  # fmt: skip
-    """Shorten a move of t that leaves its line or overshoots; return it, with slopes and albedo
-    after it.
+) -> tuple[_Vector3, bool]:  # fmt: skip
+    """Slopes and albedo after a move of t, and whether it neither leaves the visible part of the
+    line nor overshoots.
     """
+    (p, q, rho), (P, Q, A), (x, y, z, t) = start, target, line
     relative = albedo_weight / (A * A)
     error = slope_weight * ((p - P) ** 2 + (q - Q) ** 2) + relative * (rho - A) ** 2
     error += slope_weight * _OVERSHOOT
-    for _ in range(4):
-        t = line[3] + move
-        bx, by, bz = line[0] + t * d[0], line[1] + t * d[1], line[2] + t * d[2]
-        length = np.sqrt(bx * bx + by * by + bz * bz)
-        inverse = np.float32(1.0) / bz
-        slope_x, slope_y = -bx * inverse, -by * inverse
-        slopes = (slope_x - P) ** 2 + (slope_y - Q) ** 2
-        if bz >= _MIN_NZ * length and (
-            slope_weight * slopes + relative * (length - A) ** 2 <= error
-        ):
-            return move, slope_x, slope_y, length
-        move *= np.float32(0.3)
-    return np.float32(0.0), p, q, rho
+    t += move
+    bx, by, bz = x + t * d[0], y + t * d[1], z + t * d[2]
+    length = np.sqrt(bx * bx + by * by + bz * bz)
+    inverse = np.float32(1.0) / bz
+    slope_x, slope_y = -bx * inverse, -by * inverse
+    slopes = (slope_x - P) ** 2 + (slope_y - Q) ** 2
+    after = slope_weight * slopes + relative * (length - A) ** 2
+    return (slope_x, slope_y, length), (bz >= _MIN_NZ * length) & (after <= error)
 
 
 def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
@@ -243,6 +240,8 @@ def _skip_edges(near: Array, pairs: Array, depth: Array) -> None:
             m = near[n, j]
             if m == NOTHING or (m >= 0 and depth[m] == NOT_REACHED):
                 pairs[n] = SKIPPED
+            if m < 0:
+                near[n, j] = len(pairs)
         if depth[n] == NOT_REACHED:
             pairs[n] = SKIPPED
 
@@ -255,30 +254,53 @@ def _move(
 ) -> None:  # fmt: skip
     """Move each pixel from `values` to `moved`: in p, q and albedo, or in t along its line."""
     slope_weight = np.float32(1.0) + np.float32(4.0) * curl_weight
-    for n in range(first, last):
-        if pairs[n] == SKIPPED:
-            continue
-        P, Q, A = solved[n, 4], solved[n, 5], solved[n, 6]
-        for j in range(8):
-            m = near[n, j]
-            if m >= 0:
-                P += factors[j, 0] * values[m, 0] + factors[j, 1] * values[m, 1]
-                Q += factors[j, 1] * values[m, 0] + factors[j, 2] * values[m, 1]
-                A += factors[j, 3] * values[m, 2]
-        p, q, rho = values[n, 0], values[n, 1], values[n, 2]
-        if pairs[n] == NO_LINE:
-            moves[n, 0] = step * (P - p) + momentum * moves[n, 0]
-            moves[n, 1] = step * (Q - q) + momentum * moves[n, 1]
-            moves[n, 2] = step * (A - rho) + momentum * moves[n, 2]
-            for x in range(3):
-                moved[n, x] = values[n, x] + moves[n, x]
-            continue
-        line, d = _line(lines, n), _direction(along, pairs[n])
-        towards = _step_along_line(
-            line[3], line[2], d, p, q, rho, P, Q, A, slope_weight, albedo_weight
-        )
-        moves[n, 0], moved[n, 0], moved[n, 1], moved[n, 2] = _downhill(
-            line, d, step * towards + momentum * moves[n, 0], p, q, rho, P, Q, A,
-            slope_weight, albedo_weight,
-        )  # fmt: skip
-        lines[n, 3] += moves[n, 0]
+    # Copies of a block, which the compiler knows not to overlap: it vectorises the second loop.
+    x, y, z, t, dx, dy, dz, p, q, rho, P, Q, A, move, new_p, new_q, new_rho, allowed = np.empty(
+        (18, _BLOCK), np.float32
+    )
+    for begin in range(first, last, _BLOCK):
+        count = min(_BLOCK, last - begin)
+        for i in range(count):
+            n = begin + i
+            x[i], y[i], z[i], t[i] = _line(lines, n)
+            dx[i], dy[i], dz[i] = _direction(along, pairs[n])
+            p[i], q[i], rho[i] = values[n, 0], values[n, 1], values[n, 2]
+            P_sum, Q_sum, A_sum = solved[n, 4], solved[n, 5], solved[n, 6]
+            for j in range(8):
+                m = near[n, j]
+                P_sum += factors[j, 0] * values[m, 0] + factors[j, 1] * values[m, 1]
+                Q_sum += factors[j, 1] * values[m, 0] + factors[j, 2] * values[m, 1]
+                A_sum += factors[j, 3] * values[m, 2]
+            P[i], Q[i], A[i], move[i] = P_sum, Q_sum, A_sum, momentum * moves[n, 0]
+        for i in range(count):
+            line, d = (x[i], y[i], z[i], t[i]), (dx[i], dy[i], dz[i])
+            start, target = (p[i], q[i], rho[i]), (P[i], Q[i], A[i])
+            move[i] += step * _step_along_line(line, d, start, target, slope_weight, albedo_weight)
+            (new_p[i], new_q[i], new_rho[i]), is_allowed = _moved_along_line(
+                line, d, move[i], start, target, slope_weight, albedo_weight
+            )
+            allowed[i] = np.float32(1.0) if is_allowed else np.float32(0.0)
+        for i in range(count):
+            n = begin + i
+            if pairs[n] == SKIPPED:
+                continue
+            start, target = (p[i], q[i], rho[i]), (P[i], Q[i], A[i])
+            if pairs[n] == NO_LINE:
+                for k in range(3):
+                    moves[n, k] = step * (target[k] - start[k]) + momentum * moves[n, k]
+                    moved[n, k] = start[k] + moves[n, k]
+                continue
+            line, d = (x[i], y[i], z[i], t[i]), (dx[i], dy[i], dz[i])
+            shorter, end, is_allowed = move[i], (new_p[i], new_q[i], new_rho[i]), allowed[i] > 0.0
+            for _ in range(3):
+                if is_allowed:
+                    break
+                shorter *= np.float32(0.3)
+                end, is_allowed = _moved_along_line(
+                    line, d, shorter, start, target, slope_weight, albedo_weight
+                )
+            if not is_allowed:
+                shorter, end = np.float32(0.0), start
+            moves[n, 0] = shorter
+            moved[n, 0], moved[n, 1], moved[n, 2] = end
+            lines[n, 3] = t[i] + shorter

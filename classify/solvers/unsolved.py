@@ -32,10 +32,11 @@ class Unsolved:
     pixels: Array  # (n,) flat indices, ascending
     lines: Array  # (n, 4) b0 and t of each pixel on its line of scaled normals; t is written
     pairs: Array  # (n,) pair of lights, `NO_LINE`, or `SKIPPED` by `relax`
-    along: Array  # (7, 3) direction d of the line of each pair
-    near: Array  # (n, 8) index of each neighbour in this list, or `_SOLVED` or `NOTHING`
+    along: Array  # (8, 3) direction d of the line of each code in `pairs`
+    near: Array  # (n, 8) index of each neighbour in this list, or `_SOLVED` or `NOTHING`; `relax`
+    # reads n in place of both
     solved: Array  # (n, 7) sums of solved neighbours: weighted p, q, albedo, 1; parts of the minima
-    values: Array  # (n, 3) p, q and albedo; written
+    values: Array  # (n + 1, 3) p, q and albedo, written; the last row is 0
     depth: Array  # (n,) the layer of each pixel, `NOT_REACHED` before; written
 
     @classmethod
@@ -43,7 +44,7 @@ class Unsolved:
         count = len(pixels)
         return cls(
             pixels, lines, pairs, along, np.empty((count, 8), np.int32),
-            np.empty((count, 7), np.float32), np.zeros((count, 3), np.float32),
+            np.empty((count, 7), np.float32), np.zeros((count + 1, 3), np.float32),
             np.full(count, NOT_REACHED),
         )  # fmt: skip
 
