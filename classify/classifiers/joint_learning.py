@@ -58,7 +58,7 @@ _PATCH_SPREAD = 0.26
 _LIMIT_DEVIATIONS = 2.33
 # Mean and standard deviation of the least of one, two and three normal numbers. More sets count as
 # three: they seldom show as many independent patches.
-_LEAST_NORMAL = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
+_MINIMUM_OF_NORMALS = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
 # Below this side the limit falls with the twelfth root of the side, by 6 % at 128 px: smaller
 # frames distinguish textures less well.
 _SUFFICIENT_PX = 256
@@ -93,7 +93,9 @@ def limit_factors(
 
 def unit_limit(pixels: float) -> float:
     """Limit of a class of scatter 1 with one set, for frames of that many pixels."""
-    limit = _MEDIAN * math.exp(_DEVIATIONS * math.hypot(_CLASS_SPREAD, _PATCH_SPREAD))
+    limit = _MEDIAN_DISTANCE * math.exp(
+        _LIMIT_DEVIATIONS * math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
+    )
     return float(limit * min(pixels / _SUFFICIENT_PX**2, 1.0) ** (1 / 24))
 
 

@@ -41,8 +41,8 @@ _FRAME_WEIGHT = np.float32(1e-3)
 _TINY = np.float32(1e-30)
 # Gloss makes solved slopes too steep. Where a light was left out there is no residual to correct
 # them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
-_FLATTER = np.float32(0.55)
-_MOST_UNROLLED = 8  # lights; loops over more take long to compile
+_GLOSS_SLOPE_FACTOR = np.float32(0.55)
+_MAX_UNROLLED_LIGHTS = 8  # lights; loops over more take long to compile
 # A lobe must explain residuals by as many standard deviations. With the one residual of four
 # lights, one that explains this share of what the best explains is as likely.
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
@@ -213,10 +213,8 @@ def _lobes(towards: Array, p: FloatMap, q: FloatMap) -> FloatMap:
 
 
 def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
-    """Strengths of the lobes that explain residuals best; 0 if none does.
-
-    `shapes` (powers, N, n) are the residuals of the lobes. Of lobes that explain as much, the mean
-    of the sharper half and the middle is taken: a broad lobe is hardly told from a matt surface.
+    """Strengths of the sharper half of the lobes (powers, N, n) that explain residuals equally
+    well, with the middle one, 0 if none does: broad ones look matt.
     """
     products = (weights * (shapes * residuals).sum(axis=1)).sum(axis=1)
     squares = (weights * np.square(shapes).sum(axis=1)).sum(axis=1)
