@@ -14,8 +14,8 @@ class SolverRow(NamedTuple):
     """A solver: its module and function in ``classify.solvers``, and its numbers of lights."""
 
     function: str
-    least_lights: float = 4
-    most_lights: float = 4
+    min_lights: float = 4
+    max_lights: float = 4
 
 
 SOLVERS = {
@@ -57,7 +57,7 @@ def default_method(lights: int) -> Method:
 def suits(method: Method, lights: int) -> bool:
     """Whether a solver takes that many lights."""
     row = SOLVERS[method]
-    return row.least_lights <= lights <= row.most_lights
+    return row.min_lights <= lights <= row.max_lights
 
 
 def checked_label(label: str) -> str:

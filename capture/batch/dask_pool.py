@@ -32,7 +32,7 @@ async def _greet(address: str, answer_s: float) -> None:
 
 
 class DaskPool:
-    """A `Pool` of a Dask scheduler's workers, which may join later; items of a dead worker run
+    """A `_Pool` of a Dask scheduler's workers, which may join later; items of a dead worker run
     again on another.
     """
 

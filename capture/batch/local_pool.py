@@ -23,7 +23,7 @@ _Result = TypeVar("_Result")
 
 
 class LocalPool:
-    """A `Pool` of processes of one thread each, which end with this one, even if killed, as its
+    """A `_Pool` of processes of one thread each, which end with this one, even if killed, as its
     pipe closes.
     """
 

@@ -67,9 +67,8 @@ _JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[_Vector, ...]] 
 
 @dataclass(frozen=True)
 class LightList:
-    """Light directions of a file, by names of images as the file has them, or in order.
-
-    `places` say where each light is in the file, such as ``line 3``, for messages.
+    """Light directions of a file by names of images or in order, with the `places` of lights in it,
+    such as ``line 3``.
     """
 
     source: Path

@@ -217,12 +217,10 @@ def map_in_threads(function: Callable[[_Item], _Result], items: Sequence[_Item])
 
 
 def in_background(work: Callable[[], _Result], *, is_long: bool = False) -> Callable[[], _Result]:
-    """Start `work` in another thread; return a function that waits for its result.
-
-    If no thread has started `work`, the waiting caller runs it; otherwise it runs other tasks that
-    are not long. Such a task must not itself wait for the result of another `in_background`: that
-    work may be suspended further down the same stack, which is a deadlock.
-    """
+    """Start `work` in another thread; return a function that waits for its result."""
+    # If no thread has started `work`, the waiting caller runs it; otherwise it runs other tasks
+    # that are not long. Such a task must not itself wait for the result of another `in_background`:
+    # that work may be suspended further down the same stack, which is a deadlock.
     if thread_count() == 1:
         return work
     workers = _kept_workers()

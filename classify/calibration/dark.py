@@ -188,9 +188,8 @@ class DarkFrames:
 
 
 def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> DarkFrames:
-    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered.
-
-    `lit` are such frames under LEDs, which show whether the lens is covered.
+    """Measure offset, noise and hot pixels from (F, H, W) frames, whose lens is covered if `lit`
+    ones under LEDs are dark.
     """
     if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
         count = "one frame" if len(frames) == 1 else f"{len(frames)} frames"

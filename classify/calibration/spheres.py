@@ -181,11 +181,9 @@ def _mean_directions(directions: Floats, errors: Floats) -> tuple[Floats, Floats
 def positions_of_rays(
     points: Floats, directions: Floats, errors: Floats
 ) -> tuple[Floats, Floats, Floats] | None:
-    """(N, 3) positions where (J, N, 3) rays meet, and errors across (rad) and along (a share).
-
-    Minimises for each light the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2; None
-    if not determined.
-    """
+    """(N, 3) positions where (J, N, 3) rays meet, and errors across (rad) and along (a share)."""
+    # Minimises for each light the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2; None
+    # if not determined.
     projections = np.eye(3) - directions[..., :, None] * directions[..., None, :]
     distance = np.ones(errors.shape)
     for _ in range(6):

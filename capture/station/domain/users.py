@@ -76,10 +76,8 @@ class Users:
         seen: User | None = None,
         record: Callable[[User | None], None] = lambda _: None,
     ) -> None:
-        """Add a user, or give one another role and password.
-
-        The user must still equal `seen`, unless that is None. `record` is called with the previous
-        user before anything is written, and may raise to prevent that.
+        """Add or change a user, who must equal `seen` unless that is None; `record` gets the
+        previous one before, and may raise to prevent it.
         """
         user = User(name=name, role=role, password=self._hash(require_account(name, password)))
         with self._file.changing():

@@ -63,9 +63,8 @@ class Replay(Record):
 def replay_challenge(
     files: RecipeFolder, inspector: Inspector, raise_if_cancelled: Callable[[], None] = lambda: None
 ) -> Iterator[PartOutcome]:
-    """Judge every part of the challenge as if captured with the present calibration.
-
-    `raise_if_cancelled` is called before each part; an exception of it ends the replay.
+    """Judge every part of the challenge with the present calibration, after a call of
+    `raise_if_cancelled` for each.
     """
     for file, expected in read_challenge(files.challenge).sets.items():
         raise_if_cancelled()

@@ -159,10 +159,7 @@ class Inspector:
         return self._models[texture].pieces.has_direction
 
     def begin(self, unchecked: CapturedSet) -> None:
-        """Start to judge images in another thread while they are checked; return at once.
-
-        `inspect` uses the inspection if it gets the same arrays, and drops it otherwise.
-        """
+        """Start to judge images in a thread; `inspect` uses the result for the same arrays."""
         self._begun = _Begun(
             unchecked, in_background(lambda: self._inspection(unchecked), is_long=True)
         )

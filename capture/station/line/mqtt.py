@@ -31,10 +31,8 @@ _RECONNECT_S = 1, 30
 
 
 class MqttPublisher:
-    """Publishes what a station announces, from a thread of its own; `tell` never waits.
-
-    Messages go out in order, each until the broker has confirmed it; beyond `MAX_WAITING` the
-    oldest are dropped.
+    """Publishes announcements in order from its own thread, each until the broker confirms it, and
+    drops the oldest beyond `MAX_WAITING`.
     """
 
     def __init__(self, settings: MqttConfig, log: Callable[[str], None]) -> None:

@@ -34,10 +34,8 @@ TAKEN_OVER_S = 2.0
 def subscribed(
     live: LiveView, own_streams: list[Subscription] | None = None
 ) -> Iterator[tuple[Subscription, asyncio.Event]]:
-    """Yield a subscription, and an `asyncio.Event` that is set when an event waits in it.
-
-    `own_streams` are those of one account or client, oldest first. The oldest ends when there are
-    more than `MAX_STREAMS_OF_ONE_CLIENT`.
+    """Yield a subscription and the event set when it has one; the oldest of more than
+    `MAX_STREAMS_OF_ONE_CLIENT` `own_streams` ends.
     """
     changed, loop = asyncio.Event(), asyncio.get_running_loop()
 

@@ -67,9 +67,8 @@ def shown(url: URL) -> str:
 
 
 def sqlite_engine(url: URL, *, timeout_s: float, is_writer: bool) -> Engine:
-    """Return connections to an SQLite file whose commits are on disk when they return.
-
-    A writer locks at the beginning of a transaction: later it fails if another program has written.
+    """Return connections to SQLite whose commits are on disk; a writer locks at the beginning,
+    before another program can write.
     """
     engine = create_engine(
         url,
@@ -112,9 +111,8 @@ def _use_write_ahead_log(connection: sqlite3.Connection, timeout_s: float) -> No
 
 
 def postgresql_engine(url: URL, *, timeout_s: float, writing_station: str | None) -> Engine:
-    """Return connections to a PostgreSQL server whose commits wait for its disk.
-
-    `writing_station` has one connection with a lock in the server, which refuses a second writer.
+    """Return connections whose commits wait for the server's disk; that of `writing_station` holds
+    a lock against a second writer.
     """
     timeout_ms = max(1, round(timeout_s * 1000))  # 0 would be no limit
     settings = f"-c synchronous_commit=on -c statement_timeout={timeout_ms}"

@@ -72,9 +72,8 @@ class Choices:
 
 
 def counted(store: ResultStore, selection: Selection) -> tuple[Counters, Sequence[Row[Any]]]:
-    """Count the selected parts, also in groups by quarter of an hour, verdicts and causes.
-
-    The groups are few, and the database reads each part once for all figures of them.
+    """Count the selected parts, also by quarter of an hour, verdict and causes, reading each part
+    once.
     """
     utc, hour = results.c.triggered_utc, len("2026-11-22T17")
     columns = (
@@ -88,10 +87,7 @@ def counted(store: ResultStore, selection: Selection) -> tuple[Counters, Sequenc
 
 
 def counted_periods(groups: Iterable[Row[Any]], zone: tzinfo | None = None) -> list[Period]:
-    """Count parts that were judged by period of a zone, the earliest first.
-
-    None is the zone of this machine.
-    """
+    """Count judged parts by period of a zone (None: that of this machine), the earliest first."""
     verdicts: dict[datetime, Counter[Decision]] = {}
     for group in groups:
         if group.causes != COLLECTED:
@@ -108,12 +104,10 @@ def counted_periods(groups: Iterable[Row[Any]], zone: tzinfo | None = None) -> l
 
 
 def counted_causes(groups: Iterable[Row[Any]]) -> list[CauseCount]:
-    """Count the station's causes of parts that it did not pass, most frequent first.
-
-    They count also where a person changed the verdict. The first cause is the gravest; a part that
-    is like no texture counts under its second cause, unless the power of its octaves differs too:
-    then it is of another texture.
-    """
+    """Count the station's causes of parts that it did not pass, most frequent first."""
+    # They count also where a person changed the verdict. The first cause is the gravest; a part
+    # that is like no texture counts under its second cause, unless the power of its octaves differs
+    # too: then it is of another texture.
     parts: Counter[str] = Counter()
     for group in groups:
         if group.decision != Decision.PASS and group.causes != COLLECTED:

@@ -110,9 +110,8 @@ class LiveStation(LiveView):
             self._thread.join()
 
     def wait_for_room(self, is_over: Callable[[], bool]) -> None:
-        """Wait while subscribers are `MAX_EVENTS` behind, unless `is_over`.
-
-        A call by a subscriber returns at once.
+        """Wait while subscribers, but for one that calls this, are `MAX_EVENTS` behind, unless
+        `is_over`.
         """
         while self._queue.qsize() >= MAX_EVENTS and not is_over():
             if threading.current_thread() is self._thread:

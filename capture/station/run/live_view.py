@@ -62,9 +62,8 @@ class LiveEvent:
 
 
 class Subscription:
-    """The events that a subscriber has not taken yet; all are lost when `MAX_WAITING` wait.
-
-    `wake` is called under a lock from a thread of the station, and must not wait.
+    """Events that a subscriber has not taken, all lost when `MAX_WAITING` wait; `wake` is called
+    under a lock and must not wait.
     """
 
     def __init__(self, wake: Callable[[], None] = lambda: None) -> None:

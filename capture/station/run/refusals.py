@@ -22,9 +22,8 @@ _RETRY_S = 0.5
 
 
 class Refusals:
-    """Records refused triggers from a thread of its own; `add` never waits.
-
-    At most `MAX_WAITING` wait, also before the run; one row counts the others.
+    """Records refused triggers from its own thread, those beyond `MAX_WAITING` as a count in one
+    row; `add` never waits.
     """
 
     def __init__(

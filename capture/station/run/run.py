@@ -87,9 +87,8 @@ def _checks(
     live: LiveStation,
     clock: StationClock,
 ) -> Iterator[Check]:
-    """All checks but those of recipe and rig; interrupted parts get their results.
-
-    The check of the results first waits until the database has recorded a part that it began late.
+    """All checks but those of recipe and rig, with results for interrupted parts, once parts that
+    began late are recorded.
     """
     floor_mb, size = folder.config.disk_floor_mb, set_bytes(rig_config)
     yield from collected("disk", lambda: check_disk(folder.path, floor_mb, size), "disk")

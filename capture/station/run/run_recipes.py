@@ -96,9 +96,8 @@ class RecipeLoader:
         raise_if_cancelled: Callable[[], None] = lambda: None,
         approved: Recipe | None = None,
     ) -> UsableRecipe:
-        """Load a recipe, or an approved state of it, which must meet its challenge set.
-
-        `raise_if_cancelled` is called before each part of the set; its exception ends the work.
+        """Load a recipe, or an approved state of it, that meets its challenge; `raise_if_cancelled`
+        is called before each part.
         """
         inspector = Inspector.of(approved or read_recipe(files.file), files, self._calibration)
         recipe, fingerprint = inspector.recipe, inspector.fingerprint
@@ -137,9 +136,8 @@ class RecipeLoader:
 
 
 class RunRecipes:
-    """The recipes of a running station, whose rig has the settings of the first one.
-
-    Methods are not called concurrently; only `load` may run while parts are inspected.
+    """The recipes of a running station with the rig settings of the first one; only `load` runs
+    while parts are inspected.
     """
 
     def __init__(
@@ -206,9 +204,8 @@ class RunRecipes:
 
 
 def _approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:
-    """Return the approved state that judged the last part, else the last approved one, or None.
-
-    After a roll-back the last approved state is not the one in use.
+    """Return the state that judged the last part, which after a roll-back is not the last approved
+    one; else that, or None.
     """
     approved = {state.sha256: state for state in approved_states(files)}
     judged = next(store.parts(Selection(recipe=files.name), newest=1), None)

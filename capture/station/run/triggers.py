@@ -220,9 +220,8 @@ class PartSensor:
         self._rig, self._store = rig, store
 
     def await_part(self, station: "Station", is_over: Callable[[], bool]) -> None:
-        """Wait for a part and submit its trigger, unless `is_over`.
-
-        Parts that came since the last wait are refused, with a row each up to `MAX_RECORDED`.
+        """Wait for a part and submit its trigger, unless `is_over`; missed parts are refused, up to
+        `MAX_RECORDED` with a row each.
         """
         missed = self._rig.missed_parts()
         for _ in range(min(missed, MAX_RECORDED)):

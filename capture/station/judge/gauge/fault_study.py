@@ -99,9 +99,8 @@ class FaultStudy(Record):
 def study_faults(
     files: RecipeFolder, inspector: Inspector, parts: int, *, large_only: bool = False
 ) -> Iterator[FaultFinding]:
-    """Judge good parts of a recipe with faults; parts that do not pass without one are left out.
-
-    At most `parts` of each texture, with `large_only` only with faults of `_LARGE_STRENGTH` size.
+    """Judge good parts that pass, at most `parts` of each texture, with faults, or with
+    `large_only` those of `_LARGE_STRENGTH`.
     """
     taught = taught_for(inspector.recipe, files)
     draw = random.Random(1)
