@@ -20,42 +20,32 @@ _LOCK = "teaching.lock"
 _VERSION = re.compile(r"version-([1-9][0-9]{0,9})")
 
 
+class _In:
+    """A path in the folder of its owner."""
+
+    def __init__(self, name: str) -> None:
+        self._name = name
+
+    def __get__(self, owner: "RecipeFolder | TaughtFiles", _: type) -> Path:
+        return owner.folder / self._name
+
+
 @dataclass(frozen=True)
 class RecipeFolder:
     """``recipes/NAME.toml``, and ``recipes/NAME`` with a folder for each version."""
 
     file: Path
     folder: Path
+    sets = _In("sets")  # the taught sets
+    challenge = _In("challenge")  # the challenge set
+    replay = _In("challenge.json")  # outcome of the last replay of the challenge set
+    gauge = _In("gauge.json")  # report of the last gauge study
+    faults = _In("faults.json")  # outcome of the last study of faults that nobody configured
 
     @property
     def name(self) -> str:
         """Name of the recipe."""
         return self.folder.name
-
-    @property
-    def sets(self) -> Path:
-        """Folder of the taught sets."""
-        return self.folder / "sets"
-
-    @property
-    def challenge(self) -> Path:
-        """Folder of the challenge set."""
-        return self.folder / "challenge"
-
-    @property
-    def replay(self) -> Path:
-        """Outcome of the last replay of the challenge set."""
-        return self.folder / "challenge.json"
-
-    @property
-    def gauge(self) -> Path:
-        """Report of the last gauge study."""
-        return self.folder / "gauge.json"
-
-    @property
-    def faults(self) -> Path:
-        """Outcome of the last study of faults that nobody configured."""
-        return self.folder / "faults.json"
 
     def version(self, version: int) -> "TaughtFiles":
         """Return the files of a version of the recipe."""
@@ -80,26 +70,12 @@ class TaughtFiles:
     """Files that teaching made for one version of a recipe."""
 
     folder: Path
-
-    @property
-    def library(self) -> Path:
-        """The texture library."""
-        return self.folder / "textures.ps4lib"
-
-    @property
-    def taught(self) -> Path:
-        """The measurements of teaching."""
-        return self.folder / "taught.json"
-
-    @property
-    def report(self) -> Path:
-        """The report of teaching, a page for people."""
-        return self.folder / "teaching.html"
-
-    @property
-    def measured(self) -> Path:
-        """The recipe with the limits that teaching measured, also where people set other ones."""
-        return self.folder / "measured.toml"
+    library = _In("textures.ps4lib")  # the texture library
+    taught = _In("taught.json")  # the measurements of teaching
+    report = _In("teaching.html")  # the report of teaching, a page for people
+    measured = _In(
+        "measured.toml"
+    )  # the recipe with the measured limits, also where people set other ones
 
     def defects(self, number: int) -> Path:
         """Return the defect model of the nth texture that passes, from 1."""

@@ -59,8 +59,9 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
 def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
     """Yield why the measurement is unusable, whatever the texture is."""
     yield from _beyond_limit("unmeasured_fraction", recipe.limits, measures)
-    yield from _at_most(
-        "saturated pixels", measures.saturated_fraction, MAX_SATURATED_SHARE, Cause.CAPTURE, ".1%"
+    saturated = measures.saturated_fraction
+    yield from _beyond(
+        "saturated pixels", saturated, "at most", MAX_SATURATED_SHARE, Cause.CAPTURE, ".1%"
     )
     for name, level in measures.led_levels:
         if not level >= STOP_LED_LEVEL:
@@ -106,11 +107,11 @@ def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
     if not bounds:
         yield Finding(Cause.UNFORESEEN, f"neither library nor recipe limits the {name}")
     else:
-        yield from _at_most(name, match.distance, min(bounds), Cause.NO_TEXTURE, ".2f")
+        yield from _beyond(name, match.distance, "at most", min(bounds), Cause.NO_TEXTURE, ".2f")
     if match.runner_up is not None:
         least = max(MIN_MARGIN, limits.margin or 0.0)
         name = f"margin to {match.runner_up}"
-        yield from _at_least(name, match.margin, least, Cause.UNDECIDED)
+        yield from _beyond(name, match.margin, "at least", least, Cause.UNDECIDED, ".2f")
     yield from _beyond_limit("blur_px", limits, match)
 
 
@@ -123,11 +124,11 @@ def _misoriented(rule: Orientation, match: Match) -> Iterator[Finding]:
         yield Finding(Cause.UNDECIDED, f"the orientation of {match.label} is not clear")
         return
     name = f"sharpness of the orientation of {match.label}"
-    yield from _at_least(name, match.sharpness, MIN_SHARPNESS, Cause.UNDECIDED)
+    yield from _beyond(name, match.sharpness, "at least", MIN_SHARPNESS, Cause.UNDECIDED, ".2f")
     half_deg = 0.5 * period_deg
     off_deg = (found_deg - rule.reference_deg + half_deg) % period_deg - half_deg
     name = f"degrees off {rule.reference_deg:g}"
-    yield from _at_most(name, abs(off_deg), rule.tolerance_deg, Cause.ORIENTATION, ".1f")
+    yield from _beyond(name, abs(off_deg), "at most", rule.tolerance_deg, Cause.ORIENTATION, ".1f")
 
 
 def _found_deg(rule: Orientation, match: Match) -> float | None:
@@ -142,16 +143,6 @@ def _beyond_limit(key: str, limits: Limits, measures: Measures | Match) -> Itera
         value = getattr(measures, row.measure or key)
         for words, bound in row.bounds(limit):
             yield from _beyond(row.label, value, words, bound, row.cause, row.form)
-
-
-def _at_most(
-    name: str, value: float | None, bound: float, cause: Cause, form: str
-) -> Iterator[Finding]:
-    yield from _beyond(name, value, "at most", bound, cause, form)
-
-
-def _at_least(name: str, value: float | None, bound: float, cause: Cause) -> Iterator[Finding]:
-    yield from _beyond(name, value, "at least", bound, cause, ".2f")
 
 
 def _beyond(

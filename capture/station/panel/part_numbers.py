@@ -22,12 +22,8 @@ class _MeasuredNumber:
     is_beyond: bool = False
 
 
-def measured_numbers(result: PartResult, recipe: Recipe | None) -> list[_MeasuredNumber]:
-    """Return the numbers of a part; without its recipe the only limit is that of the result."""
-    return list(_numbers(result, recipe))
-
-
-def _numbers(result: PartResult, recipe: Recipe | None) -> Iterator[_MeasuredNumber]:
+def measured_numbers(result: PartResult, recipe: Recipe | None) -> Iterator[_MeasuredNumber]:
+    """Yield the numbers of a part; without its recipe the only limit is that of the result."""
     texture = result.label or result.nearest or ""
     limits = Limits() if recipe is None else recipe.limits_for(texture)
     distances = [limit for limit in (result.limit, limits.distance) if limit is not None]
