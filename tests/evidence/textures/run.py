@@ -48,8 +48,6 @@ def measure(
     plan: TexturePlan, output: Path, workers: int | None = None
 ) -> dict[System, list[Outcome]]:
     """Train all libraries and match all test patches."""
-    # Workers read this when they start: BLAS threads of several workers wait for each other.
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     outcomes: dict[System, list[Outcome]] = {}
     with (
         tempfile.TemporaryDirectory(dir=output.absolute(), prefix=".libraries-") as libraries,
