@@ -103,10 +103,8 @@ def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Re
 def _evaluate(rig: Rig, recording: _Recording) -> _Evaluation:
     """Evaluate the frames recorded so far."""
     info, of_step = rig.camera.info, np.array(recording.of_step)
-    commanded_s, acknowledged_s, controller_s, rising = map(
-        np.array, zip(*recording.switches, strict=True)
-    )
-    switched_s, unknown_s = _switch_times(commanded_s, acknowledged_s, controller_s)
+    sent_s, acknowledged_s, device_s, rising = map(np.array, zip(*recording.switches, strict=True))
+    switched_s, unknown_s = _switch_times(sent_s, acknowledged_s, device_s)
     shares, lit_bands = _shares(np.array(recording.levels), of_step, rising, 1 << info.bit_depth)
     edges = _band_edges(info.height_px)
     steps = Steps(
@@ -122,7 +120,7 @@ def _evaluate(rig: Rig, recording: _Recording) -> _Evaluation:
         fit_steps(steps),
         of_step,
         after_s=np.array(recording.arrived_s) - acknowledged_s[of_step],
-        delay_s=float(np.median(switched_s - commanded_s)),
+        delay_s=float(np.median(switched_s - sent_s)),
         unknown_s=unknown_s,
     )
 
@@ -147,25 +145,23 @@ def _band_levels(frame: Frame) -> Floats:
     return levels
 
 
-def _switch_times(
-    commanded: Floats, acknowledged: Floats, controller: Floats
-) -> tuple[Floats, float]:
+def _switch_times(sent: Floats, answered: Floats, device: Floats) -> tuple[Floats, float]:
     """Time of each switch on the rig's clock, and the uncertainty."""
-    switched, unknown_s = np.empty(len(commanded)), 0.0
-    for index in range(len(commanded)):
+    switched, unknown_s = np.empty(len(sent)), 0.0
+    for index in range(len(sent)):
         near = slice(max(index - _NEIGHBOURS, 0), index + _NEIGHBOURS + 1)
         low, high = (
-            float((commanded - controller)[near].max()),
-            float((acknowledged - controller)[near].min()),
+            float((sent - device)[near].max()),
+            float((answered - device)[near].min()),
         )
-        drift_s = _CLOCK_DRIFT * float(acknowledged[near].max() - commanded[near].min())
+        drift_s = _CLOCK_DRIFT * float(answered[near].max() - sent[near].min())
         if low > high + drift_s:
             # The clock was set or restarted: only the bounds of this exchange hold.
             low, high = (
-                commanded[index] - controller[index],
-                acknowledged[index] - controller[index],
+                sent[index] - device[index],
+                answered[index] - device[index],
             )
-        switched[index] = controller[index] + (low + high) / 2.0
+        switched[index] = device[index] + (low + high) / 2.0
         unknown_s = max(unknown_s, abs(high - low) / 2.0 + drift_s)
     return switched, unknown_s
 

@@ -137,20 +137,18 @@ def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) 
                 frames=mean.records,
                 led_acknowledged_s=lit_s,
                 led_level_percent=None if light is None else levels[light],
-                controller_time_us=light_steps[-1].lit_us,
+                controller_time_us=group[-1].lit_us,
                 exposures_us=tuple(
                     (step.begun_us, step.ended_us)
-                    for step in light_steps
+                    for step in group
                     if step.begun_us is not None and step.ended_us is not None
                 ),
                 triggers_us=tuple(
-                    step.triggered_us for step in light_steps if step.triggered_us is not None
+                    step.triggered_us for step in group if step.triggered_us is not None
                 ),
             ),
         )
-        for light, mean, light_steps, lit_s in zip(
-            plan.lights, means, steps, acknowledged_s, strict=True
-        )
+        for light, mean, group, lit_s in zip(plan.lights, means, steps, acknowledged_s, strict=True)
     ]
 
 

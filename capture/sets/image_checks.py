@@ -90,10 +90,8 @@ class LightImages:
     def equal_rows(self) -> Iterator[tuple[str, str, int, int]]:
         """Pairs of images with their numbers of equal and of comparable rows."""
         step = max(1, self.images.shape[2] // _PROBED_COLUMNS)
-        named_images = zip(
-            (*self.names, "ambient light"), (*self.images, self.ambient), strict=True
-        )
-        for (first, a), (second, b) in combinations(named_images, 2):
+        pairs = zip((*self.names, "ambient light"), (*self.images, self.ambient), strict=True)
+        for (first, a), (second, b) in combinations(pairs, 2):
             rows = np.flatnonzero((a[:, ::step] == b[:, ::step]).all(axis=1))
             is_equal = (a[rows] == b[rows]).all(axis=1) & (np.ptp(b[rows], axis=1) > 1)
             if is_equal.any():
@@ -112,7 +110,7 @@ _SAME_IMAGE = 0.5
 # test_photograph_checks.py.
 _ENOUGH_IMAGES = 4
 # Names in one message.
-_MAX_LISTED_NAMES = 3
+_MAX_NAMES = 3
 
 
 @dataclass(frozen=True)
@@ -201,12 +199,8 @@ def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
 
 
 def _listed(names: Collection[str]) -> str:
-    first = ", ".join([*names][:_MAX_LISTED_NAMES])
-    return (
-        first
-        if len(names) <= _MAX_LISTED_NAMES
-        else f"{first} and {len(names) - _MAX_LISTED_NAMES} more"
-    )
+    first = ", ".join([*names][:_MAX_NAMES])
+    return first if len(names) <= _MAX_NAMES else f"{first} and {len(names) - _MAX_NAMES} more"
 
 
 def _detail(images: LightImages, explained: Floats) -> Iterator[_Finding]:

@@ -22,11 +22,11 @@ _DriftKind = Kind | Literal["unexplained"]
 _Status = Literal["ok", "warning", "fault"]
 
 # Blocks along each side of the frame; changes are smooth and need no more.
-_BLOCKS_PER_SIDE = 8
+_SIDE_BLOCKS = 8
 # Distance of distant lights in half of the longer side; the fall-off over the frame is 0.3 %.
 _FAR_DISTANCE = 1e3
 # Lights are distant, at more than 50 fields of view, if their ratios vary less over the frame.
-_MAX_DISTANT_VARIATION = 0.01
+_MAX_VARIATION = 0.01
 _MIN_LIGHTS = 3  # least number that `fit_led_positions` takes
 # Changes beyond the first value are a warning, beyond the second a fault. An LED that is 10 % off
 # tilts a level part by 3 degrees at slant 45, 15 % by 4; a light 5 degrees lower gives 8 % less
@@ -119,10 +119,7 @@ def plate_drift(
 def _leds(expected: Floats, blocks: PlateBlocks, lighting: Lighting) -> tuple[Floats, float, Aim]:
     """Positions of the LEDs, exponent and aim of their lobes, from a flat field."""
     ratios = expected - expected.mean(axis=0)
-    if (
-        len(expected) < _MIN_LIGHTS
-        or float(ratios.std(axis=(1, 2)).max()) <= _MAX_DISTANT_VARIATION
-    ):
+    if len(expected) < _MIN_LIGHTS or float(ratios.std(axis=(1, 2)).max()) <= _MAX_VARIATION:
         return _FAR_DISTANCE * lighting.directions, 1.0, "centre"
     usable = blocks.usable[0].astype(np.float64)
     fitted = fit_led_positions(ratios, usable, blocks.x, blocks.y)
@@ -144,8 +141,8 @@ def _joined(blocks: PlateBlocks, expected: Floats) -> tuple[Floats, Floats, Floa
 
 
 def _block_sums(values: Floats) -> Floats:
-    size = BLOCKS // _BLOCKS_PER_SIDE
-    parts = values.reshape(*values.shape[:-2], _BLOCKS_PER_SIDE, size, _BLOCKS_PER_SIDE, size)
+    size = BLOCKS // _SIDE_BLOCKS
+    parts = values.reshape(*values.shape[:-2], _SIDE_BLOCKS, size, _SIDE_BLOCKS, size)
     return np.asarray(parts.sum(axis=(-1, -3)), np.float64)
 
 

@@ -81,24 +81,24 @@ def mirror_directions(
             for pixels in [np.flatnonzero(labels == number)]
             if share[pixels].max() >= _MIN_PEAK
         ]
-        reflections = [highlight for highlight in highlights if highlight.direction[2] > _MIN_Z]
-        if not reflections:
+        usable = [highlight for highlight in highlights if highlight.direction[2] > _MIN_Z]
+        if not usable:
             raise CalibrationRejected(
                 f"light image {light}: its brightest reflection is in the rim of the sphere, as of "
                 "a light behind the plane of the part; light it from the camera's side, or leave "
                 "this light out"
             )
-        reflections.sort(key=lambda highlight: -highlight.brightness)
-        brightness, pixels, weights, direction = reflections[0]
+        usable.sort(key=lambda highlight: -highlight.brightness)
+        brightness, pixels, weights, direction = usable[0]
         if pixels.size * 4.0 / sphere.radius_px**2 > _MAX_HIGHLIGHT_SR:
             raise CalibrationRejected(
                 f"light image {light}: the light fills {pixels.size / len(rows):.0%} of the "
                 "sphere; use a smaller lamp or a shorter exposure, and a polished sphere"
             )
-        if len(reflections) > 1 and reflections[1].brightness > _DOUBTFUL_SHARE * brightness:
+        if len(usable) > 1 and usable[1].brightness > _DOUBTFUL_SHARE * brightness:
             doubts.append(
                 f"light image {light} has two reflections that differ from the other light images, "
-                f"with {reflections[1].brightness / brightness:.0%} of the light of the brighter "
+                f"with {usable[1].brightness / brightness:.0%} of the light of the brighter "
                 "one, which was taken"
             )
         normal = direction + weights @ views[pixels] / weights.sum()

@@ -266,10 +266,9 @@ def _exchanged(shading: _Shading, tangents: Floats) -> _Order | None:
         return None
     centred = tangents - tangents.mean(axis=0)
     inverse = np.linalg.pinv(centred)
-    given_residuals = [_light_residuals(moments, centred, inverse) for moments in shading.shadings]
+    listed = [_light_residuals(moments, centred, inverse) for moments in shading.shadings]
     shares = sum(
-        values / np.diag(moments)
-        for moments, values in zip(shading.shadings, given_residuals, strict=True)
+        values / np.diag(moments) for moments, values in zip(shading.shadings, listed, strict=True)
     )
     suspects = sorted(np.argsort(shares)[-_SUSPECTS:].tolist())
     best: tuple[float, _Order | None] = (_EXCHANGED, None)
@@ -277,12 +276,9 @@ def _exchanged(shading: _Shading, tangents: Floats) -> _Order | None:
         order = list(range(count))
         order[pair[0]], order[pair[1]] = pair[1], pair[0]
         logs = []
-        for moments, given_residual in zip(shading.shadings, given_residuals, strict=True):
-            exchanged_residual = _light_residuals(moments, centred[order], inverse[:, order])
-            sums = [
-                values[list(pair)].sum()
-                for values in (given_residual, exchanged_residual, np.diag(moments))
-            ]
+        for moments, before in zip(shading.shadings, listed, strict=True):
+            after = _light_residuals(moments, centred[order], inverse[:, order])
+            sums = [values[list(pair)].sum() for values in (before, after, np.diag(moments))]
             logs.append(0.5 * np.log(np.maximum(sums, 1e-12)))
         before_log, after_log, own_log = np.mean(logs, axis=0)
         if np.exp(after_log - own_log) < _EXPLAINED:

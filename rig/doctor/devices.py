@@ -73,11 +73,9 @@ def check_access(name: str, device: str) -> Check:
     except KeyError:
         group = str(status.st_gid)
     is_own = status.st_gid in os.getgroups()
-    group_note = "its group is one of yours, but " * is_own
+    note = "its group is one of yours, but " * is_own
     mode = f"{status.st_mode & 0o777:o}"
-    finding = (
-        f"{device} belongs to group {group}, mode {mode}; {group_note}you may not read and write it"
-    )
+    finding = f"{device} belongs to group {group}, mode {mode}; {note}you may not read and write it"
     join = f"sudo usermod -aG {group} $USER and log in again, or " * (not is_own)
     return Check(name, "fault", finding, f"{join}install the udev rules: {_INSTALL_RULES}")
 

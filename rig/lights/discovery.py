@@ -161,16 +161,14 @@ def _same(one: str | None, other: str) -> bool:
 
 
 def _ambiguity_text(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -> str:
-    controllers = ", ".join(
-        f"{port.device} ({identity.serial_number})" for port, identity in answered
-    )
+    listed = ", ".join(f"{port.device} ({identity.serial_number})" for port, identity in answered)
     numbers = {identity.serial_number.casefold() for _, identity in answered}
     if len(numbers) == len(answered):
         remedy = f'set lights.serial_number, such as "{answered[0][1].serial_number}"'
     else:
         first = answered[0][0]
         remedy = f'set lights.port to one of them, such as "{first.by_id or first.device}"'
-    return f"{len(answered)} light controllers answer: {controllers}; {remedy}"
+    return f"{len(answered)} light controllers answer: {listed}; {remedy}"
 
 
 def _not_found_text(

@@ -58,10 +58,7 @@ class View:
 
     def part_coordinates(self) -> tuple[Floats, Floats]:
         """Coordinates on the part of each pixel: R(-rotate) x / magnification + shift."""
-        x, y = (
-            coordinates.astype(np.float64) / self.magnification
-            for coordinates in from_centre(self.side_px)
-        )
+        x, y = (axis.astype(np.float64) / self.magnification for axis in from_centre(self.side_px))
         cos, sin = math.cos(math.radians(self.rotate_deg)), math.sin(math.radians(self.rotate_deg))
         return cos * x + sin * y + self.shift_px[0], cos * y - sin * x + self.shift_px[1]
 

@@ -174,15 +174,13 @@ class _Checkerboard:
         sign, inside = np.ones(()), np.ones((), np.bool_)
         for along, corners in zip(axes, CHECKERBOARD_CORNERS, strict=True):
             # Squares from the middle of the board; corners are at whole numbers.
-            square_coordinates = along / self.square_px + 0.5 * (corners - 1)
+            square = along / self.square_px + 0.5 * (corners - 1)
             to_edge_px = (
-                (0.5 - np.abs(np.mod(square_coordinates, 1.0) - 0.5))
-                * self.square_px
-                * view.magnification
+                (0.5 - np.abs(np.mod(square, 1.0) - 0.5)) * self.square_px * view.magnification
             )
-            side = np.where(np.mod(np.floor(square_coordinates), 2.0) == 0.0, 1.0, -1.0)
+            side = np.where(np.mod(np.floor(square), 2.0) == 0.0, 1.0, -1.0)
             sign = sign * side * np.minimum(2.0 * to_edge_px, 1.0)
-            inside = inside & (square_coordinates > -1.0) & (square_coordinates < corners)
+            inside = inside & (square > -1.0) & (square < corners)
         share = np.where(inside, 0.5 + 0.5 * sign, 1.0)
         albedo = np.asarray(self.black + (self.white - self.black) * share, np.float32)
         flat = np.zeros_like(albedo)

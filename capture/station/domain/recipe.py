@@ -161,10 +161,8 @@ class Recipe(Section):
 
     def limits_for(self, texture: str) -> Limits:
         """Return the limits of a texture: its own ones, and the general ones for the rest."""
-        texture_limits = self.limits_of.get(texture, Limits())
-        return Limits.model_validate(
-            {**dict(self.limits), **texture_limits.model_dump(exclude_none=True)}
-        )
+        own = self.limits_of.get(texture, Limits())
+        return Limits.model_validate({**dict(self.limits), **own.model_dump(exclude_none=True)})
 
 
 def require_approved(recipe: Recipe) -> None:

@@ -140,14 +140,13 @@ class Inspector:
     @classmethod
     def of(cls, recipe: Recipe, files: RecipeFolder, calibration: str | Path | None = None) -> Self:
         """Load what teaching made for a recipe that was read."""
-        taught_files = files.version(recipe.version)
+        version = files.version(recipe.version)
         taught = taught_for(recipe, files)
-        models = {name: models_of(taught_files, recipe, taught, name) for name in recipe.passes}
-        library = TextureLibrary.load(taught_files.library)
+        models = {name: models_of(version, recipe, taught, name) for name in recipe.passes}
+        library = TextureLibrary.load(version.library)
         # Hashed after loading, so that a file that is exchanged meanwhile is detected.
-        check_unchanged(
-            recipe, taught_files.library, file_sha256(taught_files.library), taught.library_sha256
-        )
+        library_sha256 = file_sha256(version.library)
+        check_unchanged(recipe, version.library, library_sha256, taught.library_sha256)
         return cls(recipe, taught, library, models, FoundCalibration.of_rig(calibration))
 
     def with_calibration(self, calibration: FoundCalibration | None) -> "Inspector":
@@ -160,9 +159,8 @@ class Inspector:
 
     def begin(self, unchecked: CapturedSet) -> None:
         """Start to judge images in a thread; `inspect` uses the result for the same arrays."""
-        self._begun = _Begun(
-            unchecked, in_background(lambda: self._inspection(unchecked), is_long=True)
-        )
+        result = in_background(lambda: self._inspection(unchecked), is_long=True)
+        self._begun = _Begun(unchecked, result)
 
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part; a set that cannot be judged is an ERROR with its cause, as the caller
@@ -232,11 +230,9 @@ class Inspector:
                 of_pieces = (name for name in _LIMITED if hasattr(pieces, name))
                 measures = replace(measures, **{name: getattr(pieces, name) for name in of_pieces})
         taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
-        levels = np.array(measured.light_signals) / taught
+        levels = tuple((np.array(measured.light_signals) / taught).tolist())
         verdict = verdict_of(self.recipe, measures)
-        return Inspection(
-            verdict, measures, defect_map, defects, tuple(levels.tolist()), timings_ms
-        )
+        return Inspection(verdict, measures, defect_map, defects, levels, timings_ms)
 
     def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:
         """Outline the defects above a limit; their scores are in units of it."""

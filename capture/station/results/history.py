@@ -81,11 +81,11 @@ class Counters:
 
 # The last override of each part.
 _LAST_OVERRIDE = overrides.alias("last")
-_SAME_PART_OVERRIDES = overrides.alias("again")
+_OVERRIDES = overrides.alias("again")
 _IS_LAST_OVERRIDE = same_part(_LAST_OVERRIDE, results) & (
     _LAST_OVERRIDE.c.position
-    == select(func.max(_SAME_PART_OVERRIDES.c.position))
-    .where(same_part(_SAME_PART_OVERRIDES, results))
+    == select(func.max(_OVERRIDES.c.position))
+    .where(same_part(_OVERRIDES, results))
     .scalar_subquery()
 )
 JOINED = results.outerjoin(_LAST_OVERRIDE, _IS_LAST_OVERRIDE)

@@ -106,12 +106,10 @@ class AravisCamera:
         try:
             self._camera: Any = call(aravis().Camera.new, device)
         except CameraError:  # Aravis takes ids and addresses
-            matching_ids = [
-                detected.device_id for detected in find_devices() if device in detected.names
-            ]
-            if not matching_ids:
+            ids = [camera.device_id for camera in find_devices() if device in camera.names]
+            if not ids:
                 raise
-            self._camera = call(aravis().Camera.new, matching_ids[0])
+            self._camera = call(aravis().Camera.new, ids[0])
 
     def take_control(self) -> None:
         """Let no other program change the camera; one that lists it is done in a moment."""

@@ -110,9 +110,9 @@ def study_faults(
             path = files.sets / taught_set.file
             if len(good) < parts and path.is_file():
                 loaded = LoadedSet.of(path)
-                calibrated = inspector.with_calibration(loaded.found_calibration)
-                if calibrated.inspect(loaded.captured).verdict.decision is Decision.PASS:
-                    good.append((loaded, calibrated))
+                judge = inspector.with_calibration(loaded.found_calibration)
+                if judge.inspect(loaded.captured).verdict.decision is Decision.PASS:
+                    good.append((loaded, judge))
         limits = inspector.recipe.limits_for(texture)
         for fault in FAULTS:
             if fault.needs_handedness and limits.handedness is None:
@@ -120,10 +120,7 @@ def study_faults(
             for strength in fault.strengths:
                 if large_only and not (fault.is_local and strength == _LARGE_STRENGTH):
                     continue
-                verdicts = [
-                    _passes(calibrated, loaded, fault, strength, draw)
-                    for loaded, calibrated in good
-                ]
+                verdicts = [_passes(judge, loaded, fault, strength, draw) for loaded, judge in good]
                 judged = [verdict for verdict in verdicts if verdict is not None]
                 finding = FaultFinding(
                     texture=texture,

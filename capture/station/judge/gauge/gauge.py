@@ -102,12 +102,8 @@ class GaugeStudy:
         if any(share is None for share in shares):
             return "unacceptable"
         effectiveness, misses, false_alarms = (share or 0.0 for share in shares)
-        for rating, (min_effectiveness, max_misses, max_false_alarms) in _RATINGS:
-            if (
-                effectiveness >= min_effectiveness
-                and misses <= max_misses
-                and false_alarms <= max_false_alarms
-            ):
+        for rating, (least, most_misses, most_alarms) in _RATINGS:
+            if effectiveness >= least and misses <= most_misses and false_alarms <= most_alarms:
                 return rating
         return "unacceptable"
 

@@ -119,9 +119,7 @@ def _next_version(
     """The next version of a recipe with further textures, good or bad, and without `emptied`."""
     name = files.name
     passes, fails = ((), ()) if before is None else (before.passes, before.fails)
-    passes, fails = (
-        tuple(n for n in textures_of_use if n not in emptied) for textures_of_use in (passes, fails)
-    )
+    passes, fails = (tuple(n for n in names if n not in emptied) for names in (passes, fails))
     for texture in textures:
         if texture in (passes if bad else fails):
             raise RecipeError(
@@ -172,10 +170,10 @@ def _taught(
     check_alike(parts)
     unlabelled = [part for part in parts if not part.kept.has_label]
     require_one_texture(unlabelled)
-    taught_files = files.version(recipe.version)
-    make_folder(taught_files.folder)
+    version = files.version(recipe.version)
+    make_folder(version.folder)
     library = _library(parts)
-    library.save(taught_files.library)
+    library.save(version.library)
     segment_px = library.segment_px
     matches = leave_one_out([part.row for part in parts], [part.test for part in parts], segment_px)
     good = {name: [part for part in parts if part.kept.texture == name] for name in recipe.passes}
@@ -185,14 +183,13 @@ def _taught(
         for name, learned in defects.items()
     }
     textures = {
-        name: _texture(name, parts, matches, taught_files, models, defects)
-        for name in library.classes
+        name: _texture(name, parts, matches, version, models, defects) for name in library.classes
     }
     taught = Taught(
         setting=parts[0].setting,
         region=recipe.region,
         has_calibration=parts[0].has_calibration,
-        library_sha256=file_sha256(taught_files.library),
+        library_sha256=file_sha256(version.library),
         textures=textures,
     )
     before, by_people = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
@@ -231,7 +228,7 @@ def _taught(
     return Teaching(
         recipe,
         taught,
-        taught_files,
+        version,
         tuple(parts),
         tuple(matches),
         tuple(inspections),
