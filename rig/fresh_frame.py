@@ -70,7 +70,7 @@ def begin_sequence(
 def _triggered_frame(rig: Rig, plan: SequencePlan) -> Frame:
     """The frame of a sequence of one step: without a trigger the camera gives none."""
     sequence = begin_sequence(rig, plan)
-    frame = next_fresh_frame(rig, sequence.asked_s)
+    frame = next_fresh_frame(rig, sequence.sent_s)
     while sequence.is_running():
         rig.clock.sleep_s(_POLL_S)  # the step lasts longer than its frame
     cause = sequence.report().cause

@@ -158,8 +158,8 @@ def _run(
     """Run one sequence; return the frame of each step, and the controller's report."""
     if part is None:
         sequence = begin_sequence(rig, plan)
-        deadline_s = sequence.asked_s + plan.duration_s + SET_SPARE_S
-        frames = _SequenceFrames(rig, sequence.asked_s, deadline_s)
+        deadline_s = sequence.sent_s + plan.duration_s + SET_SPARE_S
+        frames = _SequenceFrames(rig, sequence.sent_s, deadline_s)
     else:
         sequence, frames = part.sequence, part.frames
     frame_count = plan.frames_per_step * len(plan.lights)
@@ -287,7 +287,7 @@ def _arrived_part(
     rig: Rig, plan: SequencePlan, is_stopping: Callable[[], bool], delay_s: float
 ) -> ArrivedPart | None:
     sequence = begin_sequence(rig, plan, part_delay_s=delay_s)
-    frames = _SequenceFrames(rig, sequence.asked_s, sequence.asked_s)
+    frames = _SequenceFrames(rig, sequence.sent_s, sequence.sent_s)
     set_frames = plan.frames_per_step * len(plan.lights)
     while sequence.is_running() and not sequence.has_begun:
         if is_stopping():
@@ -298,7 +298,7 @@ def _arrived_part(
             continue
         # The camera runs freely. The set may have begun during the latest frames.
         deadline_s = rig.clock.now_s() + rig.camera.info.frame_period_s + SET_SPARE_S
-        frames.begin(sequence.asked_s, deadline_s)
+        frames.begin(sequence.sent_s, deadline_s)
         try:
             frames.take()
         except SetRejected:

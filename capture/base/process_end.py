@@ -120,9 +120,9 @@ def _write_log(trace: str) -> Path | None:
 
 def _state_folder() -> Path:
     # https://specifications.freedesktop.org/basedir-spec: a relative path is ignored.
-    stated = Path(os.environ.get("XDG_STATE_HOME", ""))
-    if stated.is_absolute():
-        return stated / "ps4rig"
+    state_home = Path(os.environ.get("XDG_STATE_HOME", ""))
+    if state_home.is_absolute():
+        return state_home / "ps4rig"
     return Path("~/.local/state/ps4rig").expanduser()
 
 

@@ -109,8 +109,8 @@ def _level(light: int) -> str:
 
 def _column(name: str) -> str:
     """Column of a property: its name, unless a column of every table is called so."""
-    small = name.casefold()
-    is_reserved = small in COLUMNS or small.startswith(("level_led_", "property_"))
+    folded = name.casefold()
+    is_reserved = folded in COLUMNS or folded.startswith(("level_led_", "property_"))
     return f"property_{name}" if is_reserved else name
 
 

@@ -347,9 +347,9 @@ def measure_switch_latency(
     try:
         for number in range(switches):
             led = number % (lights.led_count + 1)
-            asked_s = clock.now_s()
+            sent_s = clock.now_s()
             switch = lights.off() if led == lights.led_count else lights.select(led)
-            times_ms.append(1e3 * (switch.acknowledged_s - asked_s))
+            times_ms.append(1e3 * (switch.acknowledged_s - sent_s))
     finally:
         lights.off()
     return _SwitchLatency(statistics.median(times_ms), max(times_ms), switches)

@@ -127,7 +127,7 @@ class RunningSequence:
         if part_delay_s is not None:
             lights.ask(f"PART:WAIT {round(1e6 * part_delay_s)}", 1)
         answer = lights.ask(start_command(plan), 1)
-        self.asked_s = answer.sent_s
+        self.sent_s = answer.sent_s
         self._started_us = answer.numbers[0]
         self._stamped = deque([(self._started_us, answer)], _EXCHANGES)
         self._status: tuple[int, ...] = ()

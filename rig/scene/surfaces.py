@@ -223,6 +223,7 @@ def _derivative_factors(
 # interpolation of the pixels do change it (Kylberg and Sintorn 2016). The tile is periodic, so the
 # two steps before the interpolation are exact and use the Fourier transform: doubling the
 # resolution, and the B-spline prefilter.
+
 # Pixels of one strip of rows: some milliseconds of work, against 10 us for a call of the kernel.
 _STRIP_PX = 1 << 14
 
@@ -253,9 +254,9 @@ def _zero_padded(
     """Put a half spectrum on a doubled grid, with half of the Nyquist term at either sign."""
     padded = np.zeros((2 * rows, cols + 1), spectrum.dtype)
     width = cols // 2 + 1
-    below = (rows + 1) // 2
-    padded[:below, :width] = spectrum[:below]
-    padded[2 * rows - (rows - below) :, :width] = spectrum[below:]
+    positive = (rows + 1) // 2  # rows of frequencies that are not negative
+    padded[:positive, :width] = spectrum[:positive]
+    padded[2 * rows - (rows - positive) :, :width] = spectrum[positive:]
     if rows % 2 == 0:
         padded[2 * rows - rows // 2, :width] *= 0.5
         padded[rows // 2, :width] = padded[2 * rows - rows // 2, :width]

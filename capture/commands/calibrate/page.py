@@ -174,8 +174,8 @@ def _facts(file: CalibrationFile) -> Iterator[tuple[str, str]]:
             yield "exposure", ", ".join(f"{ms:g}" for ms in sorted(exposures_ms)) + " ms"
     scale = file.calibration.scale
     if scale is not None:
-        share = 100.0 * scale.error
-        yield "scale", f"{scale.mm_per_px:.5g} mm/px \N{PLUS-MINUS SIGN} {share:.2g}%"
+        percent = 100.0 * scale.error
+        yield "scale", f"{scale.mm_per_px:.5g} mm/px \N{PLUS-MINUS SIGN} {percent:.2g}%"
         yield "distortion", "below 0.5 px" if scale.distortion is None else "corrected"
     yield "SHA-256", f"{file.hash[:12]}…"
 

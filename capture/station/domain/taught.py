@@ -43,7 +43,7 @@ class TaughtTexture(Record):
     defects_sha256: Sha256 | None = None
     pieces_file: Name | None = None
     pieces_sha256: Sha256 | None = None
-    # By the defect map, at the limits of the time; empty for a texture that does not pass.
+    # By the defect map, at the limits that were taught; empty for a texture that does not pass.
     least_found: tuple[LeastFound, ...] = ()
 
 

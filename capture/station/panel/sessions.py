@@ -201,7 +201,7 @@ class LoginLimit:
             _keep(self._logged_in, ("both", name, address), None)
 
     def unrecorded(self) -> int | None:
-        """Return and reset the number of failures without a row; None: this one gets no row too."""
+        """Return and reset the number of failures without a row; None if this one gets none."""
         now_s = self._now_s()
         with self._lock:
             is_full = len(self._recorded_s) == _MAX_RECORDED

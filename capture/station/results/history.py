@@ -113,14 +113,14 @@ def entries(
         numbers = select(func.max(results.c.number)).where(results.c.station == station)
         last = connection.scalar(numbers) or 0
     selected = _selected(station, selection).where(results.c.number <= last)
-    above = 0
+    last_number = 0
     while True:
         with reading() as connection:
-            page = _page(connection, selected.where(results.c.number > above), ROWS_AT_A_TIME)
+            page = _page(connection, selected.where(results.c.number > last_number), ROWS_AT_A_TIME)
         yield from page
         if len(page) < ROWS_AT_A_TIME:
             return
-        above = page[-1].result.number
+        last_number = page[-1].result.number
 
 
 def _selected(station: str, selection: Selection) -> Select[Any]:
