@@ -9,7 +9,7 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from itertools import count, islice
@@ -23,6 +23,7 @@ from capture.batch.runner import Batch
 from capture.batch.tasks import SolveTask, classify_set, read_header, solve_set
 from capture.batch.training import train_library
 from classify import InputError
+from tests.waiting import until_so
 
 Command = Callable[..., Any]
 DEADLINE_S = 300.0
@@ -33,15 +34,6 @@ SELF = "/proc/self"  # a link to the number of the process that reads it
 pytestmark = pytest.mark.slow
 
 
-def eventually(condition: Callable[[], Any]) -> Any:
-    """Wait until the condition returns a true value; return the value."""
-    deadline_s = time.monotonic() + DEADLINE_S
-    while not (value := condition()):
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
-    return value
-
-
 class Cluster:
     """A scheduler and two workers, each in its own process."""
 
@@ -50,7 +42,7 @@ class Cluster:
         self._workers: dict[str, subprocess.Popen[bytes]] = {}
         described = folder / "scheduler.json"
         self._scheduler = self._start("scheduler", "--port=0", f"--scheduler-file={described}")
-        self.address: str = eventually(lambda: described.exists() and described.read_text())
+        self.address: str = until_so(lambda: described.exists() and described.read_text())
         self.address = json.loads(self.address)["address"]
 
     def with_two_workers(self) -> str:
@@ -58,7 +50,7 @@ class Cluster:
         from distributed import Client
 
         with Client(self.address, set_as_default=False) as client:
-            eventually(lambda: self._has_two_workers(client.scheduler_info()["workers"]))
+            until_so(lambda: self._has_two_workers(client.scheduler_info()["workers"]))
         return self.address
 
     def _has_two_workers(self, known: Mapping[str, Any]) -> bool:
@@ -124,8 +116,8 @@ class Trap:
 
     def caught(self) -> tuple[int, int]:
         """Return a waiting process, and the open end of the pipe that keeps it waiting."""
-        writing = eventually(self._writing)
-        return eventually(self._reader), writing
+        writing = until_so(self._writing)
+        return until_so(self._reader), writing
 
     def kill_one(self) -> None:
         """Kill the waiting process; the next reader finds the file."""
@@ -291,7 +283,7 @@ def test_workers_end_with_the_command(files: list[Path], ending: str) -> None:
     else:
         process.send_signal(signal.Signals[ending])
     output = process.communicate(timeout=DEADLINE_S)
-    eventually(lambda: not Path(f"/proc/{worker}").exists())
+    until_so(lambda: not Path(f"/proc/{worker}").exists())
     os.close(writing)
     if ending != "SIGKILL":
         assert (process.returncode, *output) == (130, b"", b"")

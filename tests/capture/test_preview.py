@@ -9,7 +9,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -24,19 +24,11 @@ from classify.base.errors import InputError
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_pty
 from rig import Frame, RigConfig, open_rig
 from rig.fresh_frame import fresh_frame
+from tests.waiting import until_so
 
 SMALL = RigConfig().with_changes(camera={"width_px": 64, "height_px": 48})
 # Long enough for a busy machine to compile the kernels.
 WAIT_S = 120.0
-
-
-def until(condition: Callable[[], Any]) -> Any:
-    """Wait until a condition is met, and return its value."""
-    deadline_s = time.monotonic() + WAIT_S
-    while not (met := condition()):
-        assert time.monotonic() < deadline_s, "the condition was never met"
-        time.sleep(0.02)
-    return met
 
 
 def has_all_images(preview: Preview) -> bool:
@@ -108,9 +100,9 @@ def test_the_focus_score_falls_with_blur_and_not_with_brightness() -> None:
 def test_every_led_is_shown_repeatedly() -> None:
     preview = Preview()
     with running(preview, SMALL):
-        until(lambda: has_all_images(preview))
+        until_so(lambda: has_all_images(preview))
         first = preview.state()
-        until(lambda: preview.state()["lights"][0]["sequence"] > first["lights"][0]["sequence"])
+        until_so(lambda: preview.state()["lights"][0]["sequence"] > first["lights"][0]["sequence"])
     assert first["simulated"]
     assert first["error"] is None
     assert [light["name"] for light in first["lights"]][1] == "LED 1, tilt 90°"
@@ -124,10 +116,10 @@ def test_a_hardware_error_is_named_and_the_rig_opened_again() -> None:
     gone = {"frames": [{"kind": "gone", "when": {"from_s": 2.0}}]}
     preview = Preview()
     with running(preview, SMALL.with_changes(simulation={"faults": gone})):
-        error = until(lambda: preview.state()["error"])
+        error = until_so(lambda: preview.state()["error"])
         assert "no frame" in error or "gone" in error
         # The plan of faults starts again with the new rig.
-        until(lambda: preview.state()["error"] is None)
+        until_so(lambda: preview.state()["error"] is None)
 
 
 # the server
@@ -245,8 +237,8 @@ def test_the_leds_go_out_when_the_command_is_interrupted(tmp_path: Path) -> None
         with subprocess.Popen(command, cwd=tmp_path, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout is not None
             url = process.stdout.readline().split()[0]
-            until(lit)
-            until(lambda: json.loads(get(url + "state.json")[1])["lights"])
+            until_so(lit)
+            until_so(lambda: json.loads(get(url + "state.json")[1])["lights"])
             process.send_signal(signal.SIGINT)
             assert process.wait(WAIT_S) == 130
         time.sleep(0.05)
@@ -270,7 +262,7 @@ def in_chromium(url: str, tmp_path: Path, *options: str) -> str:
 def test_the_page_shows_live_images_in_a_browser(tmp_path: Path) -> None:
     preview = Preview(stale_after_s=60.0)
     with running(preview, SMALL), serving(preview, 0) as server:
-        until(lambda: has_all_images(preview))
+        until_so(lambda: has_all_images(preview))
         dom = in_chromium(server.url, tmp_path, "--dump-dom")
         screenshot = tmp_path / "page.png"
         in_chromium(server.url, tmp_path, f"--screenshot={screenshot}", "--window-size=1400,700")

@@ -27,6 +27,7 @@ from firmware_sim import (
     serve_unix,
     terminals,
 )
+from tests.waiting import until_so
 
 IDENTITY = b"PS4RIG,LED4,SIM-0001,2.1.0,2\n"
 BANNER = b"READY " + IDENTITY
@@ -41,10 +42,7 @@ def controller(clock=None, **options) -> SimulatedController:
 
 def until_host_is_gone(server: Server) -> None:
     """Wait until the server of a pty, which looks now and then, has seen that no host is there."""
-    deadline_s = time.monotonic() + 60.0
-    while getattr(server._endpoint, "_was_open", False):
-        assert time.monotonic() < deadline_s
-        time.sleep(0.001)
+    until_so(lambda: not getattr(server._endpoint, "_was_open", False))
 
 
 @contextmanager

@@ -1,6 +1,5 @@
 """The page during the placement of a specimen: live images, outline, present orientation."""
 
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,7 @@ from capture.session.live_view import LiveView, PlacementGuide
 from capture.session.runner import run_session
 from rig import RigConfig, open_rig
 from rig.fresh_frame import fresh_frame
+from tests.waiting import until_so
 
 from .conftest import Run
 
@@ -30,10 +30,7 @@ class Operator:
     def ask(self, question: Question) -> Answer:
         if isinstance(question, PlaceSpecimen):
             with self.view.placing(question):
-                deadline_s = time.monotonic() + 120.0
-                while not self._wanted(self.view.preview.state()):
-                    assert time.monotonic() < deadline_s, self.view.preview.state()
-                    time.sleep(0.01)
+                until_so(lambda: self._wanted(self.view.preview.state()))
                 self.pages.append(self.view.preview.state())
         return Answer.GO
 

@@ -16,6 +16,7 @@ from rig import LightControllerError, RigConfig, open_rig
 from rig.lights.driver import LightController
 from rig.lights.keep_alive import KeepAliveClock, KeepAliveThread
 from rig.lights.link import ControllerLink, LinkTimeouts, Reply
+from tests.waiting import until_so
 
 SMALL = RigConfig().with_changes(
     camera={"width_px": 32, "height_px": 32}, lights={"watchdog_ms": 400}
@@ -165,10 +166,7 @@ def test_a_thread_keeps_the_led_on_in_real_time_until_the_rig_is_closed() -> Non
 def test_a_stopped_keep_alive_makes_no_further_call() -> None:
     calls: list[float] = []
     keep_alive = KeepAliveThread(lambda: calls.append(time.monotonic()) or 0.01)  # type: ignore[func-returns-value]
-    deadline_s = time.monotonic() + 60.0
-    while len(calls) < 2:
-        assert time.monotonic() < deadline_s
-        time.sleep(0.01)
+    until_so(lambda: len(calls) >= 2)
     keep_alive.stop(60.0)
     count = len(calls)
     time.sleep(0.05)
@@ -220,10 +218,7 @@ def test_the_led_of_a_program_that_hangs_or_dies_goes_out(end: signal.Signals) -
             time.sleep(5.5)
             assert board.output(2, clock.now_s()) > 0.99
             os.kill(program.pid, end)
-            deadline_s = time.monotonic() + 60.0
-            while board.output(2, clock.now_s()) > 0.01 and time.monotonic() < deadline_s:
-                time.sleep(0.02)
-            assert board.output(2, clock.now_s()) < 0.01
+            until_so(lambda: board.output(2, clock.now_s()) < 0.01)
         finally:
             program.kill()
             program.wait()

@@ -12,9 +12,9 @@ from typing import Any
 from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
-from tests.capture.station.line.lines import until_so
 from tests.free_port import free_port
 from tests.suites import MOSQUITTO
+from tests.waiting import until_so
 
 
 @dataclass

@@ -22,12 +22,12 @@ from capture.station.line.registers import (
 from capture.station.run.events import TriggerRefused
 from capture.station.run.live_station import LiveStation
 from tests.capture.station.stations import Bench, bench
+from tests.waiting import until_so
 
 ANY_PORT = ModbusConfig(port=0)
 WAIT_S = 60.0
 SESSION = 77
 NOTHING = decoded(PLC, [0] * 100)
-_PAUSE_S = 0.01
 
 
 @dataclass
@@ -87,16 +87,6 @@ def running_line(
             finally:
                 stopping.set()
                 thread.join()
-
-
-def until_so(is_so: Callable[[], bool]) -> None:
-    """Wait until something is so."""
-    pause = threading.Event()
-    for _ in range(int(WAIT_S / _PAUSE_S)):
-        if is_so():
-            return
-        pause.wait(_PAUSE_S)
-    raise AssertionError("it did not happen")
 
 
 def until(plc: PlcConnection, bits: Status, *, is_set: bool = True) -> dict[str, Any]:

@@ -22,7 +22,8 @@ from capture.station.line.registers import (
 from capture.station.results.store import RefusedTrigger
 from capture.station.run.live_station import LiveStation
 from capture.station.run.triggers import RecipeRefusal, Refusal, Refused, Trigger
-from tests.capture.station.line.lines import NOTHING, until_so
+from tests.capture.station.line.lines import NOTHING
+from tests.waiting import until_so
 
 WAIT_S = 60.0
 
@@ -137,8 +138,5 @@ def test_a_heartbeat_that_stops_is_logged(
     line = PlcLine(live, Handshake(session=7, is_trigger=False, station=live.state), last_s=0.0)
     monkeypatch.setattr(line, "tick", fail)
     with caplog.at_level(logging.ERROR), serving_modbus(line, ModbusConfig(port=0)):
-        given_up_s = time.monotonic() + WAIT_S
-        while "heartbeat" not in caplog.text:
-            assert time.monotonic() < given_up_s
-            time.sleep(0.01)
+        until_so(lambda: "heartbeat" in caplog.text)
     assert "a defect" in caplog.text

@@ -38,8 +38,8 @@ from tests.capture.station.line.lines import (
     running_line,
     trigger,
     until,
-    until_so,
 )
+from tests.waiting import until_so
 
 
 def test_a_client_that_disconnects_in_mid_part_finds_its_result_later(

@@ -19,9 +19,9 @@ from capture.station.line.mqtt import MAX_WAITING, MqttPublisher
 from capture.station.run.events import PartAnnounced, RecipeLoaded, StateChanged
 from capture.station.run.states import Change, State
 from tests.capture.station.line.broker import Broker, mqtt_broker
-from tests.capture.station.line.lines import until_so
 from tests.capture.station.line.test_handshake import FAILED, result
 from tests.capture.station.stations import published
+from tests.waiting import until_so
 
 # For a client that connects again after a second, on a loaded machine.
 _TIMEOUT_S = 60.0

@@ -32,10 +32,10 @@ from capture.station.results.store import BegunPart, ResultStore
 from capture.station.run.events import TriggerRefused
 from capture.station.run.recovery import finish_interrupted
 from capture.station.run.triggers import Accepted, Refused, Trigger, TriggerTooLate
-from tests.capture.station.line.lines import until_so
 from tests.capture.station.panel.panels import WAIT_S, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
 from tests.memory_growth import growth_bytes
+from tests.waiting import until_so
 
 BAD = Verdict(Decision.FAIL, "a scratch of 12 px", (Cause.DEFECT,))
 

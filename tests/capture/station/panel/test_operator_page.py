@@ -21,7 +21,8 @@ from capture.station.results.part_result import PartResult
 from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
-from tests.chromium import WAIT_S, Chromium, Page
+from tests.chromium import Chromium, Page
+from tests.waiting import until_so
 
 VERDICTS = {
     Decision.PASS: PASSED,
@@ -331,10 +332,7 @@ def test_a_refused_stream_is_asked_for_again_without_leaving_the_page(
     page.until("!lost.hidden")
     page.value("window.isTheSame = true; 1")
     monkeypatch.undo()
-    deadline_s = time.monotonic() + WAIT_S
-    while panel.live.snapshot().subscribers == 0:
-        assert time.monotonic() < deadline_s
-        time.sleep(0.02)
+    until_so(lambda: panel.live.snapshot().subscribers)
     page.until("lost.hidden && !trigger.disabled")
     assert page.value("window.isTheSame")
 

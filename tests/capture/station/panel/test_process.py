@@ -22,6 +22,7 @@ from capture.station.panel.process import _FIRST_PAUSE_S
 from capture.station.panel.station_link import _RECONNECT_S, NO_RUN
 from tests.capture.station.panel.panels import WAIT_S, Client
 from tests.capture.station.production import configure
+from tests.waiting import until_so
 
 pytestmark = [
     pytest.mark.slow,
@@ -63,14 +64,9 @@ class Run:
 
     def panel(self) -> int:
         """The process of the panel: the one that a fork server has forked."""
-        ends_s = time.monotonic() + WAIT_S
-        while time.monotonic() < ends_s:
-            if found := [
-                grown for child in children(self.process.pid) for grown in children(child)
-            ]:
-                return found[0]
-            time.sleep(0.02)
-        raise AssertionError("there is no panel")
+        return until_so(
+            lambda: [grown for child in children(self.process.pid) for grown in children(child)]
+        )[0]
 
     def state(self) -> dict[str, Any]:
         return dict(self.client.get("/api/v1/state").json)
@@ -79,10 +75,7 @@ class Run:
         return [event for event in self.events if event["event"] == "part"]
 
     def until_parts(self, count: int) -> None:
-        ends_s = time.monotonic() + WAIT_S
-        while len(self.parts()) < count:
-            assert time.monotonic() < ends_s
-            time.sleep(0.02)
+        until_so(lambda: len(self.parts()) >= count)
 
 
 @pytest.fixture
@@ -165,10 +158,7 @@ def test_a_killed_panel_answers_again_and_a_stopped_one_delays_no_verdict(
 def test_a_panel_ends_with_a_run_that_is_killed(run: Run) -> None:
     panel = run.panel()
     run.process.kill()
-    ends_s = time.monotonic() + WAIT_S
-    while Path(f"/proc/{panel}").exists():
-        assert time.monotonic() < ends_s
-        time.sleep(0.02)
+    until_so(lambda: not Path(f"/proc/{panel}").exists())
 
 
 def test_a_panel_of_its_own_outlives_runs(

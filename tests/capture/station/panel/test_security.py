@@ -35,6 +35,7 @@ from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.panel.routes import ROUTES
 from tests.memory_growth import growth_bytes
+from tests.waiting import until_so
 
 # For a deadline in tests, and for a busy machine to keep to it.
 SHORT_S, LONG_S = 0.2, 30.0
@@ -389,10 +390,7 @@ def test_streams_that_are_asked_for_at_once_have_one_limit(
                 raw.sendall("\r\n".join(head).encode())
             answers = [raw.recv(len(b"HTTP/1.1 200")) for raw in raws]
         assert sorted(answers) == [b"HTTP/1.1 200"] * 2 + [b"HTTP/1.1 503"] * 6
-        ends_s = time.monotonic() + LONG_S
-        while with_users.live.snapshot().subscribers:
-            assert time.monotonic() < ends_s
-            time.sleep(0.01)
+        until_so(lambda: not with_users.live.snapshot().subscribers)
 
 
 def test_the_oldest_stream_of_one_client_ends(
@@ -655,10 +653,7 @@ def test_two_requests_at_once_are_both_served(
     with connected(panel) as raw:
         first = b"GET /api/v1/state HTTP/1.1\r\nHost: " + host + b"\r\n\r\n"
         raw.sendall(first + first.replace(b"state", b"events"))
-        given_up_s = time.monotonic() + LONG_S
-        while panel.live.snapshot().subscribers != 1:
-            assert time.monotonic() < given_up_s
-            time.sleep(0.01)
+        until_so(lambda: panel.live.snapshot().subscribers == 1)
         time.sleep(1.5 * head_s)
         assert panel.live.snapshot().subscribers == 1
 

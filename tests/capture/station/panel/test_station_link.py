@@ -8,7 +8,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -47,6 +47,7 @@ from classify.base.errors import InputError
 from tests.capture.station.panel.panels import ANY_PORT, Client
 from tests.capture.station.panel.test_live import error, result
 from tests.capture.station.results.parts import inspect
+from tests.waiting import until_so
 
 WAIT_S = 60.0
 ADA = Asker("Ada", "engineer", "0" * 64)
@@ -103,13 +104,6 @@ def linked(folder: StationFolder) -> Iterator[StationLink]:
         link.close()
 
 
-def until(is_so: Callable[[], bool]) -> None:
-    ends_s = time.monotonic() + WAIT_S
-    while not is_so():
-        assert time.monotonic() < ends_s
-        time.sleep(0.005)
-
-
 def same(link: StationLink, live: LiveStation) -> bool:
     def shown(snapshot: StationState) -> StationState:
         return replace(snapshot, parts_per_minute=0.0, subscribers=0)
@@ -120,7 +114,7 @@ def same(link: StationLink, live: LiveStation) -> bool:
 def test_a_panel_shows_what_the_run_shows(folder: StationFolder) -> None:
     with running(folder) as live, linked(folder) as link:
         live.publish(PartAnnounced(result(1, error(Cause.CAPTURE)), 12.0))
-        until(lambda: same(link, live))
+        until_so(lambda: same(link, live))
         subscription = link.subscribe()
         for event in (
             LOADED,
@@ -144,7 +138,7 @@ def test_a_panel_shows_what_the_run_shows(folder: StationFolder) -> None:
 
 def test_requests_of_a_panel_have_the_answers_of_the_station(folder: StationFolder) -> None:
     with running(folder) as live, linked(folder) as link:
-        until(lambda: same(link, live))
+        until_so(lambda: same(link, live))
         assert link.submit(Trigger("http")) == Accepted("part-000001", 1)
         assert link.submit(Trigger("http", "A-1")) == Refused("busy", Refusal.BUSY)
         assert link.load_recipe("example", ADA) == LOADED
@@ -169,14 +163,14 @@ def test_the_run_hears_of_the_age_of_a_trigger_and_of_a_client_that_leaves(
 ) -> None:
     has_left = threading.Event()
     with running(folder) as live, linked(folder) as link:
-        until(lambda: same(link, live))
+        until_so(lambda: same(link, live))
         heard: list[Trigger] = []
 
         def until_withdrawn(trigger: Trigger) -> Answer:
             heard.append(trigger)
             assert not trigger.is_withdrawn()
             has_left.set()
-            until(trigger.is_withdrawn)
+            until_so(trigger.is_withdrawn)
             return Refused("its client is gone", Refusal.LATE)
 
         live._target.submit = until_withdrawn  # type: ignore[union-attr,method-assign]
@@ -190,7 +184,7 @@ def test_a_trigger_with_an_id_that_is_none_leaves_the_panel_connected(
     folder: StationFolder, part_id: str
 ) -> None:
     with linked(folder) as link, running(folder) as live:
-        until(lambda: link.run == live.run)
+        until_so(lambda: link.run == live.run)
         with serving_panel(Panel(folder, link, ANY_PORT)) as url:
             body = json.dumps({"part_id": part_id}, ensure_ascii=len(part_id) == 1)
             headers = {"Content-Type": "application/json"}
@@ -221,10 +215,10 @@ def test_a_panel_without_a_run_says_so_and_follows_the_next_one(folder: StationF
                 with running(folder) as live:
                     live.publish(PartAnnounced(result(1, error(Cause.CAPTURE)), 12.0))
                     live.publish(StateChanged(State.READY, Change.TESTED, why="self-test passed"))
-                    until(lambda: state()["state"] == "ready")
+                    until_so(lambda: state()["state"] == "ready")
                     assert client.post("/api/v1/trigger").status == 202
                     runs.append(state()["run"])
-                until(lambda: state()["reason"] == NO_RUN)
+                until_so(lambda: state()["reason"] == NO_RUN)
                 assert state()["rejected"] == []
             assert len({*runs}) == 2
 
@@ -245,12 +239,12 @@ def test_who_sees_the_state_of_a_run_may_send_a_request(folder: StationFolder) -
     def wake() -> None:
         if link.state.run == live.run and not asking.ident:
             asking.start()
-            until(lambda: bool(answers or station.asked))
+            until_so(lambda: bool(answers or station.asked))
 
     with linked(folder) as link:
         link.subscribe(wake)
         with serving_live(folder, live):
-            until(lambda: asking.ident is not None)
+            until_so(lambda: asking.ident is not None)
             asking.join(WAIT_S)
     assert answers == [Accepted("part-000001", 1)]
 
@@ -268,7 +262,7 @@ def test_a_link_that_is_closed_before_it_has_the_state_hangs_up(folder: StationF
         with run.accept()[0] as connection:
             connection.settimeout(WAIT_S)
             closing.start()
-            until(link._ending.is_set)
+            until_so(link._ending.is_set)
             connection.sendall(b'{"snapshot":%s}\n' % STATE.dump_json(state))
             assert connection.recv(1) == b""
         closing.join()
@@ -277,12 +271,12 @@ def test_a_link_that_is_closed_before_it_has_the_state_hangs_up(folder: StationF
 def test_a_request_whose_run_ends_is_answered(folder: StationFolder) -> None:
     with linked(folder) as link:
         with running(folder) as live:
-            until(lambda: same(link, live))
+            until_so(lambda: same(link, live))
             begun = threading.Event()
 
             def never(_: Trigger) -> Answer:
                 begun.set()
-                until(lambda: live._is_closed)
+                until_so(lambda: live._is_closed)
                 time.sleep(0.1)
                 raise OSError("the rig is gone")
 
@@ -325,7 +319,7 @@ def test_the_run_writes_the_changes_of_its_panel(
         with linked(folder) as link:
             access = audit.ResultsAccess(folder, link.append)
             with running(folder), monkeypatch.context() as patch, closing(access):
-                until(lambda: link.run != "")
+                until_so(lambda: link.run != "")
                 patch.setattr(access.store, "append_rows", None)
                 audit.ChangeLog(folder, access).record(kim, "user lee", None, "operator")
                 entry = store.part("part-000001")
@@ -337,7 +331,7 @@ def test_the_run_writes_the_changes_of_its_panel(
                     other.execute("BEGIN IMMEDIATE")
                     with pytest.raises(ResultsUnavailable, match=r"nothing was changed.*locked"):
                         log.record(kim, "user lee", "operator", None)
-            until(lambda: link.state.reason == NO_RUN)
+            until_so(lambda: link.state.reason == NO_RUN)
             audit.ChangeLog(folder, access).record(kim, "user lee", "operator", None)
         overridden = store.part("part-000001")
         assert overridden is not None
@@ -363,7 +357,7 @@ def send_much(live: LiveStation, link: StationLink) -> None:
     for number in range(5 * MAX_WAITING):
         live.announce({"event": "filler", "number": number, "text": "x" * 2000})
         if number % 50 == 0:  # a station makes no hundred parts at once
-            until(lambda: same(link, live))
+            until_so(lambda: same(link, live))
 
 
 def test_a_panel_that_reads_nothing_delays_nobody(
@@ -371,7 +365,7 @@ def test_a_panel_that_reads_nothing_delays_nobody(
 ) -> None:
     monkeypatch.setattr(live_socket, "SEND_TIME", struct.pack("ll", 300, 0))
     with running(folder) as live, connected(folder), linked(folder) as link:
-        until(lambda: live.snapshot().subscribers == 2 and same(link, live))
+        until_so(lambda: live.snapshot().subscribers == 2 and same(link, live))
         send_much(live, link)
         assert live.snapshot().subscribers == 2  # it is still waited for
 
@@ -381,9 +375,9 @@ def test_a_panel_that_reads_nothing_is_cut(
 ) -> None:
     monkeypatch.setattr(live_socket, "SEND_TIME", struct.pack("ll", 0, 200_000))
     with running(folder) as live, connected(folder) as stopped, linked(folder) as link:
-        until(lambda: live.snapshot().subscribers == 2 and same(link, live))
+        until_so(lambda: live.snapshot().subscribers == 2 and same(link, live))
         send_much(live, link)
-        until(lambda: live.snapshot().subscribers == 1)
+        until_so(lambda: live.snapshot().subscribers == 1)
         with stopped.makefile("rb") as lines:
             assert len(list(lines)) < 5 * MAX_WAITING
         with connected(folder) as again, again.makefile("rb") as lines:
@@ -401,13 +395,15 @@ def test_a_panel_that_leaves_while_the_run_looks_for_its_own_end_is_let_go(
         if not left:
             left.append(subscription)
             connection.shutdown(socket.SHUT_WR)
-            until(lambda: "live requests" not in {thread.name for thread in threading.enumerate()})
+            until_so(
+                lambda: "live requests" not in {thread.name for thread in threading.enumerate()}
+            )
         return was_closed
 
     left: list[Subscription] = []
     monkeypatch.setattr(Subscription, "is_closed", property(left_meanwhile))
     with running(folder) as live, connected(folder) as connection:
-        until(lambda: live.snapshot().subscribers == 1)
+        until_so(lambda: live.snapshot().subscribers == 1)
         live.announce({"event": "filler"})
         with connection.makefile("rb") as lines:
             assert list(lines)  # to the end
@@ -415,16 +411,16 @@ def test_a_panel_that_leaves_while_the_run_looks_for_its_own_end_is_let_go(
 
 def test_panels_and_lines_are_bounded(folder: StationFolder) -> None:
     with running(folder) as live, connected(folder) as first:
-        until(lambda: live.snapshot().subscribers == 1)
+        until_so(lambda: live.snapshot().subscribers == 1)
         first.sendall(b"x" * (2 * MAX_REQUEST_BYTES))
-        until(lambda: live.snapshot().subscribers == 0)
+        until_so(lambda: live.snapshot().subscribers == 0)
         for line in (b"{}\n", b'{"id": 1, "call": "stop", "arguments": []}\n', b"\xff\n"):
             with connected(folder) as connection:
-                until(lambda: live.snapshot().subscribers == 1)
+                until_so(lambda: live.snapshot().subscribers == 1)
                 connection.sendall(line)
-                until(lambda: live.snapshot().subscribers == 0)
+                until_so(lambda: live.snapshot().subscribers == 0)
         links = [StationLink(folder) for _ in range(MAX_PANELS)]
-        until(lambda: live.snapshot().subscribers == MAX_PANELS)
+        until_so(lambda: live.snapshot().subscribers == MAX_PANELS)
         with connected(folder) as connection:
             assert connection.recv(1) == b""
         for link in links:

@@ -31,7 +31,6 @@ from capture.station.run.triggers import (
 )
 from classify.base.errors import InputError
 from rig import HardwareError
-from tests.capture.station.line.lines import until_so
 from tests.capture.station.stations import (
     FIRST,
     PASSED,
@@ -41,6 +40,7 @@ from tests.capture.station.stations import (
     Said,
     bench,
 )
+from tests.waiting import until_so
 
 WAIT_S = 60.0
 KIM = Asker("kim", "engineer")

@@ -1,5 +1,4 @@
 import threading
-import time
 from datetime import UTC, datetime
 from pathlib import Path
 from unittest.mock import Mock
@@ -12,6 +11,7 @@ from capture.station.run import retention
 from capture.station.run.retention import retention_in_background
 from tests.capture.station.days_with_parts import make_days
 from tests.capture.station.results.parts import inspect
+from tests.waiting import until_so
 
 
 def test_old_sets_go_while_the_station_runs(tmp_path: Path) -> None:
@@ -25,10 +25,7 @@ def test_old_sets_go_while_the_station_runs(tmp_path: Path) -> None:
         )
         retention = Retention(pass_every=1_000_000, pass_days=1.0)
         with retention_in_background(tmp_path, store, retention, print):
-            given_up_s = time.monotonic() + 60.0
-            while path.exists() and time.monotonic() < given_up_s:
-                time.sleep(0.01)
-        assert not path.exists()
+            until_so(lambda: not path.exists())
         [entry] = store.parts()
         assert entry.set_removed_utc[:10] <= datetime.now(UTC).date().isoformat()
 
