@@ -243,7 +243,7 @@ def test_a_frame_smaller_than_a_segment_is_refused_before_other_work(
 ) -> None:
     """Other threads would go on with it, and warn of empty windows after the error."""
     begun = []
-    monkeypatch.setattr("classify.classifiers.joint_features.beside", begun.append)
+    monkeypatch.setattr("classify.classifiers.joint_features.in_background", begun.append)
     flat = np.zeros((8, 8))
     with pytest.raises(InputError, match=r"8 x 8 px .* 64 px segments"):
         joint_features.observe(surface_of(flat, flat, flat + 0.5), 64)

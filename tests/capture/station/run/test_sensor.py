@@ -9,6 +9,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Decision
+from capture.station.judge.inspector import Collector
 from capture.station.run.cycle import Station
 from capture.station.run.equipment import Equipment
 from capture.station.run.events import PartAnnounced, TriggerRefused
@@ -47,7 +48,8 @@ class Line:
         config = RigConfig().with_changes(
             camera=camera, lights={"synchronisation": synchronisation}
         )
-        self.rig = WatchedRig(self.config, config, Recipe(name="sheet", passes=("rock",)))
+        collector = Collector(Recipe(name="sheet", passes=("rock",)))
+        self.rig = WatchedRig(self.config, config, collector)
 
     def run(self, count: int) -> None:
         store, clock = self.bench.store, self.bench.clock
