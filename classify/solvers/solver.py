@@ -121,7 +121,7 @@ def photometric_stereo(
             )
     if mask is not None and mask.shape != stack.shape:
         raise InputError(f"the mask has shape {mask.shape}, the images {stack.shape}")
-    taken = stack
+    undivided = stack
     used, saturation = lighting, np.float32(np.inf if full_scale is None else full_scale)
     divided_by = None
     if flat_field is not None:
@@ -167,5 +167,5 @@ def photometric_stereo(
         noise_given=noise is not None,
     )
     if uncertainty:
-        surface = with_deviations(surface, stack, taken, problem.variance)
+        surface = with_deviations(surface, stack, undivided, problem.variance)
     return surface if mask is None else surface.within(mask)

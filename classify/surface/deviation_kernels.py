@@ -1,4 +1,4 @@
-"""Kernels of `uncertainty`: the deviations of rows, and of completed slopes."""
+"""Kernels of `uncertainty`: the deviations of rows, and of repaired slopes."""
 
 import numpy as np
 
@@ -14,15 +14,15 @@ Scene = tuple[np.float32, np.float32, Numbers, Numbers]
 # Of all lights: M V M^T and M V nul; residuals; the darkest light. See `_add_light`.
 Sums = tuple[Numbers, Numbers, Numbers, Numbers]
 
-# A residual whose square exceeds this multiple of that of the pixels around is an error of its own:
-# one normal residual in 370 does.
+# A residual whose square exceeds this multiple of the mean square around it is an error of one
+# pixel: one normal residual in 370 does.
 OWN = np.float32(9.0)
 # A pixel value whose square is below this multiple of its variance does not tell the factor that
 # divided it.
 KNOWN = np.float32(4.0)
 # Exponents of the lobes of gloss: 2^3 to 2^7.
 FIRST_POWER, POWERS = 3, 5
-# Radius of the window in which the steps around a completed slope are averaged, and the largest.
+# Radius of the window in which the steps around a repaired slope are averaged, and the largest.
 _STEPS_PX, _FARTHEST_PX = 2, 16
 # An error of two axes with the variances s and t <= s is within 1.96 (s + 0.56 t)^0.5 in 95 % of
 # the cases: exact for t = 0 and t = s, where 2.448 bounds a Rayleigh variable, 0.6 % off between.
@@ -33,18 +33,22 @@ DEGREES = np.float32(180.0 / np.pi)
 @kernel
 def propagate_errors(
     images: Array, ambient: Array, raw: Array | None, lights: Lights, corrections: Array,
-    common: Array, strengths: Array | None, noise: Array, saturation: np.float32,
-    leaves_out: bool, flatter: np.float32, plane: Array, x: Array, y: Array,
-    p: Array, q: Array, albedo: Array, dropped: Array, model: Array,
+    unit_covariances: Array, strengths: Array | None, noise: Array, saturation: np.float32,
+    leaves_out: bool, lobe_slope_factor: np.float32, plane: Array, x: Array, y: Array,
+    p: Array, q: Array, albedo: Array, dropped: Array, model_error: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
     """Write the deviations of some rows."""
     # `raw` are the pixel values before they were divided, None if they were not; `corrections` (4,
-    # 3) the columns of pinv / nul, and `common` (2, 6) the covariances of b from errors of variance
-    # 1 of each image, and of one error in all images. Where a light was left out, lobes are those
-    # of slopes times `flatter`; `strengths` is None where there is no gloss.
+    # 3) the columns of pinv / nul, and `unit_covariances` (2, 6) the covariances of b from errors
+    # of variance 1: of each image, and of the ambient image. Where a light was left out, lobes are
+    # those of slopes times `lobe_slope_factor`; `strengths` is None where there is no gloss.
+    # `model_error` is a variance over squared brightness.
     shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
-    covariances, without = (_six(common[0]), _six(common[1])), _four(corrections)
+    covariances, without = (
+        (_six(unit_covariances[0]), _six(unit_covariances[1])),
+        _four(corrections),
+    )
     zero, one = np.float32(0.0), np.float32(1.0)
     number = np.float32(len(lights))
     shares = (one / number, one / max(number - np.float32(3.0), one))
@@ -66,12 +70,12 @@ def propagate_errors(
                     np.float32(k), images[k, r, c], value, scene, _light(lights[k]), sums
                 )
             if strengths is not None:  # a loop of its own: the compiler unrolls short ones only
-                factor = one if dropped[r, c] == NO_DROPPED_LIGHT else flatter
+                factor = one if dropped[r, c] == NO_DROPPED_LIGHT else lobe_slope_factor
                 for k in range(len(lights)):
                     gloss = _add_gloss(pixel, factor, _light(lights[k]), strengths, gloss)
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
                 scene, sums, None if strengths is None else gloss, frame, shares, leaves_out,
-                covariances, without, np.float32(dropped[r, c]), model[r, c],
+                covariances, without, np.float32(dropped[r, c]), model_error[r, c],
             )  # fmt: skip
 
 
@@ -122,7 +126,7 @@ def _add_light(
 ) -> Sums:  # fmt: skip
     """Add a light with the column M of the pseudo-inverse; a saturated light is the darkest."""
     dark, saturation, (a, b, black), pixel = scene
-    gain, lx, ly, lz, mx, my, mz, nul, spare, _ = light
+    gain, lx, ly, lz, mx, my, mz, nul, redundancy, _ = light
     (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
     energy, expected, total = residuals
     high, second, low, lost = darkness
@@ -130,8 +134,10 @@ def _add_light(
     if raw is None:
         pixel_value, ratio = image, gain
     else:
-        pixel_value, whole = raw, raw - dark
-        ratio = gain * ((image - dark) / whole if whole * whole > KNOWN * a else np.float32(1.0))
+        pixel_value, undivided = raw, raw - dark
+        ratio = gain * (
+            (image - dark) / undivided if undivided * undivided > KNOWN * a else np.float32(1.0)
+        )
     variance = ratio * ratio * (a + b * max(pixel_value - black, np.float32(0.0)))
     vx, vy, vz, vn = mx * variance, my * variance, mz * variance, nul * variance
     error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
@@ -139,7 +145,7 @@ def _add_light(
     return (
         (xx + vx * mx, xy + vx * my, xz + vx * mz, yy + vy * my, yz + vy * mz, zz + vz * mz),
         (dx + vn * mx, dy + vn * my, dz + vn * mz, d + vn * nul),
-        (energy + error * error, expected + spare * variance, total + v),
+        (energy + error * error, expected + redundancy * variance, total + v),
         (max(high, v), max(second, min(high, v)), min(low, level), index if level < low else lost),
     )  # fmt: skip
 
@@ -176,7 +182,7 @@ def _add_gloss(
 def _deviations(
     scene: Scene, sums: Sums, gloss: Numbers | None, frame: Numbers, shares: Numbers,
     leaves_out: bool, covariances: tuple[Numbers, ...], without: tuple[Numbers, ...],
-    dropped: np.float32, share: np.float32,
+    dropped: np.float32, model_error: np.float32,
 ) -> Numbers:  # fmt: skip
     """Deviations of p, q, albedo and the normal."""
     dark, _, (a, b, black), pixel = scene
@@ -196,7 +202,7 @@ def _deviations(
     lost = darkest if is_found else dropped
     of_each, of_freedom = shares
     mean = total * of_each
-    model, own = share * mean * mean, energy * of_freedom
+    model, own = model_error * mean * mean, energy * of_freedom
     is_own = (lost == none) & (own > OWN * (model + expected * of_freedom))
     model += own if is_own else zero
     # Covariance of b. Without light k the solution is M - L+[:, k] nul^T / nul_k; if k is in shadow
@@ -262,11 +268,11 @@ def _with_bias(bias: np.float32, deviation: np.float32) -> np.float32:
 
 
 @kernel
-def write_completed(
+def write_repaired(
     pixels: Array, p: Array, q: Array, albedo: Array, solved: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
-    """Write deviations at completed indices: squared step around times one more than the distance
+    """Write deviations at repaired indices: squared step around times one more than the distance
     to a solved pixel, 1 beyond `_FARTHEST_PX`.
     """
     rows, columns = p.shape

@@ -1,10 +1,11 @@
-"""Standard deviations of slopes, albedo and normals, from noise and from departures of the model.
+"""Standard deviations of slopes, albedo and normals, from noise and model errors.
 
 With b = M i the solution of a pixel, M follows from the lights that were used: the pseudo-inverse
 of all, or of all but one. Independent errors of variance V_k of the images have the covariance
-M diag(V) M^T, and p = -b_x / b_z, q = -b_y / b_z and rho = |b| the variances by the Jacobians of
-these (GUM, JCGM 100:2008, section 5.1). V_k is the noise of the image, and the same model error
-for all lights, as a share of the brightness, from the residuals of the pixels around.
+M diag(V) M^T. The variances of p = -b_x / b_z, q = -b_y / b_z and rho = |b| follow by first-order
+propagation (GUM, JCGM 100:2008, section 5.1). V_k is the noise variance of image k plus the
+variance of the model error. The latter is the same for all lights and proportional to squared
+brightness; it is estimated from the residuals of neighbouring pixels.
 """
 
 from dataclasses import dataclass, replace
@@ -26,7 +27,7 @@ from .deviation_kernels import (
     POWERS,
     Lights,
     propagate_errors,
-    write_completed,
+    write_repaired,
 )
 from .estimate import SurfaceEstimate
 
@@ -34,91 +35,98 @@ from .estimate import SurfaceEstimate
 # that about a hundred residuals count in each estimate.
 _SAMPLES = 8_192
 _BLUR_STEPS = 3.0
-# Standard error of a variance from these, as a share of it: a smaller excess can be chance.
+# Relative standard error, sqrt(2 / n), of a variance from n = 4 pi _BLUR_STEPS**2 residuals: a
+# smaller excess can be chance.
 _VARIANCE_ERROR = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR_STEPS
-# Weight of the residuals of the whole frame beside those around, for places without any.
+# Weight of the frame's mean in each local mean, for places without usable pixels nearby.
 _FRAME_WEIGHT = np.float32(1e-3)
 _TINY = np.float32(1e-30)
-# Gloss makes solved slopes too steep. Where a light was left out there is no residual to correct
-# them, and the lobe is that of the slope times this factor (`tests.evidence.uncertainty`).
+# Gloss makes solved slopes too steep. Where a light was left out, no residual corrects them, and
+# the specular lobe is that of the solved slope times this factor (`tests.evidence.uncertainty`).
 _GLOSS_SLOPE_FACTOR = np.float32(0.55)
 _MAX_UNROLLED_LIGHTS = 8  # lights; loops over more take long to compile
-# A lobe must explain residuals by as many standard deviations. With the one residual of four
-# lights, one that explains this share of what the best explains is as likely.
+# Minimum significance of a lobe in standard deviations. With four lights, which have one residual,
+# lobes that explain at least this share of what the best explains count as equally likely (gloss in
+# classify/DECISIONS.md).
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
 
 
 def with_deviations(
-    surface: SurfaceEstimate, stack: ImageStack, taken: ImageStack, variance: FloatMap
+    surface: SurfaceEstimate, stack: ImageStack, undivided: ImageStack, noise: FloatMap
 ) -> SurfaceEstimate:
-    """Add standard deviations to a surface of `stack`, which was `taken` before division, with
-    `variance` a, b, black of a + b (value - black).
+    """Add standard deviations to a surface of `stack`, which was `undivided` before the flat field
+    or fall-off; `noise` is a, b, black of the noise variance a + b (value - black).
     """
     lighting = surface.lighting
     assert lighting is not None
     shape = surface.shape
     gains = 1.0 / ((surface.full_scale or 1.0) * lighting.intensities)
-    solution = _Solution(surface, stack, taken, gains.astype(np.float32), variance)
-    shares, strengths = _model_errors(solution)
-    lobes = strengths.astype(np.float32) if strengths.any() else None
-    model = cv2.resize(shares, shape[::-1], interpolation=cv2.INTER_LINEAR)
+    solution = _Solution(surface, stack, undivided, gains.astype(np.float32), noise)
+    model_error_grid, strengths = _model_errors(solution)
+    lobe_strengths = strengths.astype(np.float32) if strengths.any() else None
+    model_error = cv2.resize(model_error_grid, shape[::-1], interpolation=cv2.INTER_LINEAR)
     maps = np.empty((4, *shape), np.float32)
     plane = Shear.of(lighting).plane
-    lights, corrections, common = _constants(lighting, gains)
+    lights, corrections, unit_covariances = _constants(lighting, gains)
     x, y = middle_px(shape[1]), -middle_px(shape[0])
     saturation = np.float32(surface.full_scale or np.inf)
     leaves_out = surface.method != "least_squares"
-    flatter = _GLOSS_SLOPE_FACTOR if surface.method == "ps4_robust" else np.float32(1.0)
+    lobe_slope_factor = _GLOSS_SLOPE_FACTOR if surface.method == "ps4_robust" else np.float32(1.0)
 
     def propagate(first: int, last: int) -> None:
         rows = slice(first, last)
         images, dark = stack.float_rows(first, last)
-        dropped = np.ascontiguousarray(surface.dropped[rows])  # the same everywhere: one number
-        raw = None if taken is stack else taken.images[:, rows].astype(np.float32)
+        dropped = np.ascontiguousarray(surface.dropped[rows])  # may be one number, broadcast
+        raw = None if undivided is stack else undivided.images[:, rows].astype(np.float32)
         propagate_errors(
-            images, dark, raw, lights, corrections, common, lobes, variance, saturation, leaves_out,
-            flatter, plane, x, y[rows], surface.p[rows], surface.q[rows],
-            surface.albedo[rows], dropped, model[rows], *maps[:, rows],
+            images, dark, raw, lights, corrections, unit_covariances, lobe_strengths, noise,
+            saturation, leaves_out, lobe_slope_factor, plane, x, y[rows], surface.p[rows],
+            surface.q[rows], surface.albedo[rows], dropped, model_error[rows], *maps[:, rows],
         )  # fmt: skip
 
     run_on_rows(propagate, shape, STRIP_PX // 2)
     if surface.repaired is not None:
-        solved, completed = surface.valid & ~surface.repaired, np.flatnonzero(surface.repaired)
+        solved, repaired = surface.valid & ~surface.repaired, np.flatnonzero(surface.repaired)
 
-        def complete(first: int, last: int) -> None:
-            write_completed(
-                completed[first:last], surface.p, surface.q, surface.albedo, solved, *maps
+        def write(first: int, last: int) -> None:
+            write_repaired(
+                repaired[first:last], surface.p, surface.q, surface.albedo, solved, *maps
             )
 
-        run_on_rows(complete, (len(completed), 1), STRIP_PX // 16)
+        run_on_rows(write, (len(repaired), 1), STRIP_PX // 16)
     p_sd, q_sd, albedo_sd, angle_sd = maps
     return replace(surface, p_sd=p_sd, q_sd=q_sd, albedo_sd=albedo_sd, angle_sd=angle_sd)
 
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Arguments of `with_deviations`, with the factors from pixel values to the albedo."""
+    """A surface with the images that it was solved from, and their noise."""
 
     surface: SurfaceEstimate
     stack: ImageStack
-    taken: ImageStack
-    gains: FloatMap
-    variance: FloatMap
+    undivided: ImageStack
+    gains: FloatMap  # factors from pixel values to the albedo
+    noise: FloatMap
 
     def at(self, pixels: Indices) -> tuple[FloatMap, FloatMap]:
         """(N, n) values in units of the albedo, and their variances by the noise."""
-        gains, (a, b, black) = self.gains[:, None], self.variance
-        values, raw = self.stack.values_at(pixels), ImageStack.raw_at(self.taken, pixels)
-        ratios = np.ones_like(raw)
-        if self.taken is not self.stack:
-            whole = ImageStack.values_at(self.taken, pixels)
-            np.divide(values, whole, out=ratios, where=whole * whole > KNOWN * a)
-        variances = np.square(gains * ratios) * (a + b * np.maximum(raw - black, np.float32(0.0)))
+        gains, (a, b, black) = self.gains[:, None], self.noise
+        values, raw = self.stack.values_at(pixels), ImageStack.raw_at(self.undivided, pixels)
+        divided_shares = np.ones_like(raw)
+        if self.undivided is not self.stack:
+            undivided = ImageStack.values_at(self.undivided, pixels)
+            is_known = undivided * undivided > KNOWN * a
+            np.divide(values, undivided, out=divided_shares, where=is_known)
+        variances = np.square(gains * divided_shares) * (
+            a + b * np.maximum(raw - black, np.float32(0.0))
+        )
         return values * gains, variances
 
 
 def _constants(lighting: Lighting, gains: Floats) -> tuple[Lights, FloatMap, FloatMap]:
-    """`lights`, `corrections` and `common` of `propagate_errors`."""
+    """Constants of the lights, the columns of pinv / nul, which correct b for a left-out light, and
+    the covariances of b from errors of variance 1: of each image, and of the ambient image.
+    """
     count, inverse_distances = len(lighting), Shear.of(lighting).inverse_distances
     directions = _significant(lighting.directions)
     pinv = _significant(np.linalg.pinv(directions))
@@ -126,16 +134,17 @@ def _constants(lighting: Lighting, gains: Floats) -> tuple[Lights, FloatMap, Flo
     if count == 4:
         null = _significant(np.linalg.svd(directions.T)[2][3])
         corrections = pinv.T / null[:, None]
-    spare = 1.0 - np.sum(directions * pinv.T, axis=1)  # share of an error that is in the residuals
-    columns = (gains, directions, pinv.T, null, spare, inverse_distances)
+    redundancies = 1.0 - np.sum(directions * pinv.T, axis=1)  # 1 - leverage of each light
+    columns = (gains, directions, pinv.T, null, redundancies, inverse_distances)
     lights: Lights = np.column_stack(columns).astype(np.float32)
     if count <= _MAX_UNROLLED_LIGHTS:
         lights = tuple(tuple(light) for light in lights)
-    upper, even = np.triu_indices(3), pinv @ gains
-    common = np.stack([
-        _significant(each)[upper] for each in (pinv @ pinv.T, np.outer(even, even))
+    upper, ambient_response = np.triu_indices(3), pinv @ gains
+    unit_covariances = np.stack([
+        _significant(covariance)[upper]
+        for covariance in (pinv @ pinv.T, np.outer(ambient_response, ambient_response))
     ])  # fmt: skip
-    return lights, corrections.astype(np.float32), common.astype(np.float32)
+    return lights, corrections.astype(np.float32), unit_covariances.astype(np.float32)
 
 
 def _significant(values: Array) -> Floats:
@@ -144,14 +153,13 @@ def _significant(values: Array) -> Floats:
 
 
 def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
-    """Model errors of an image on an (m, n) grid, as a share of squared brightness, and strengths
-    of the lobes of `_lobes`.
-    """
+    """(m, n) grid of model error variances over squared brightness; strengths of `_lobes`."""
     surface, lighting = solution.surface, solution.surface.lighting
     assert lighting is not None
     shape, directions = surface.shape, lighting.directions.astype(np.float32)
     lights, pinv = len(directions), np.linalg.pinv(directions).astype(np.float32)
     pixels = sample_pixels(shape, _SAMPLES)
+    # Number of samples in the first sampled row.
     columns = int(np.count_nonzero(pixels < pixels[0] // shape[1] * shape[1] + shape[1]))
     rows = len(pixels) // columns
     if lights < 4:
@@ -168,12 +176,14 @@ def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
     residuals = remainder @ values
     expected = np.diag(remainder) @ variances
     x, y = middle_px(shape[1])[pixels % shape[1]], -middle_px(shape[0])[pixels // shape[1]]
-    across = np.stack([x, y, np.zeros_like(x)])
-    towards = directions[:, :, None] - Shear.of(lighting).inverse_distances[:, None, None] * across
+    positions = np.stack([x, y, np.zeros_like(x)])
+    inverse_distances = Shear.of(lighting).inverse_distances[:, None, None]
+    light_vectors = directions[:, :, None] - inverse_distances * positions
     scale = surface.albedo.ravel()[pixels] / np.sqrt(np.float32(1.0) + p * p + q * q)
-    # The measured slopes hold gloss, so that the first lobes are too weak: once more without it.
+    # Gloss biases the solved slopes, so that the first lobes are too weak: fit them again at the
+    # slopes without them.
     for _ in range(2):
-        lobes = _lobes(towards, p, q)
+        lobes = _lobes(light_vectors, p, q)
         strengths = _strengths(remainder @ lobes, residuals, bright / expected)
         lobe = np.tensordot(strengths.astype(np.float32), lobes, 1)
         if not strengths.any():
@@ -182,24 +192,25 @@ def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
         z = np.maximum(scale - z, np.float32(0.1) * scale + np.float32(1e-6))
         p, q = (scale * p + x) / z, (scale * q + y) / z
     excess = np.square(residuals - remainder @ lobe).sum(axis=0) - expected
-    # Larger ones, as those of an edge, are errors of their own pixel: see `_judge`.
+    # Larger residuals, as at an edge, count in their own pixel only: see `propagate_errors`.
     usual = max(float(np.median(excess[lit])), 0.0) if lit.any() else 0.0
     excess = np.minimum(excess, OWN * (expected + usual))
     brightness = values.mean(axis=0)
 
-    def around(quantity: FloatMap) -> FloatMap:
+    def local_mean(quantity: FloatMap) -> FloatMap:
         plane = (lit * quantity).reshape(rows, columns)
         blurred = cv2.GaussianBlur(plane, (0, 0), _BLUR_STEPS, borderType=cv2.BORDER_REFLECT)
         return np.asarray(blurred + _FRAME_WEIGHT * plane.mean(), np.float32)
 
-    energy = np.maximum(around(excess) - _VARIANCE_ERROR * around(expected), 0.0) / (lights - 3)
-    shares = (energy / np.maximum(around(brightness**2), _TINY)).astype(np.float32)
-    return shares, strengths
+    significant_excess = local_mean(excess) - _VARIANCE_ERROR * local_mean(expected)
+    model_error_variance = np.maximum(significant_excess, 0.0) / (lights - 3)
+    squared_brightness = np.maximum(local_mean(brightness**2), _TINY)
+    return (model_error_variance / squared_brightness).astype(np.float32), strengths
 
 
-def _lobes(towards: Array, p: FloatMap, q: FloatMap) -> FloatMap:
+def _lobes(light_vectors: Array, p: FloatMap, q: FloatMap) -> FloatMap:
     """(powers, N, n) Blinn-Phong lobes of the lights, of exponents 8, 16, ..."""
-    halfway = towards / np.linalg.norm(towards, axis=1, keepdims=True)
+    halfway = light_vectors / np.linalg.norm(light_vectors, axis=1, keepdims=True)
     halfway[:, 2] += np.float32(1.0)
     halfway /= np.linalg.norm(halfway, axis=1, keepdims=True)
     power = np.maximum(halfway[:, 2] - halfway[:, 0] * p - halfway[:, 1] * q, np.float32(0.0))
@@ -213,9 +224,7 @@ def _lobes(towards: Array, p: FloatMap, q: FloatMap) -> FloatMap:
 
 
 def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
-    """Strengths of the sharper half of the lobes (powers, N, n) that explain residuals equally
-    well, with the middle one, 0 if none does: broad ones look matt.
-    """
+    """Fit the likeliest lobes of `shapes` (powers, N, n) to residuals; 0 if not significant."""
     products = (weights * (shapes * residuals).sum(axis=1)).sum(axis=1)
     squares = (weights * np.square(shapes).sum(axis=1)).sum(axis=1)
     gains = np.maximum(products, 0.0) ** 2 / np.maximum(squares, _TINY)
@@ -223,6 +232,7 @@ def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
     if gains.max() > _SIGNIFICANT**2:
         least = _AS_LIKELY if shapes.shape[1] == 4 else 1.0
         likely = np.flatnonzero(gains >= least * gains.max())
+        # The sharper half and the middle one: broad lobes look like matt shading.
         chosen = likely[(len(likely) - 1) // 2 :]
         strengths[chosen] = products[chosen] / squares[chosen] / len(chosen)
     return strengths

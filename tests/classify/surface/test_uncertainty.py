@@ -61,8 +61,8 @@ def test_gloss_in_the_three_lights_that_are_left_is_in_the_deviation() -> None:
 
 def test_no_residue_of_rounding_makes_subnormal_products() -> None:
     # Kernels multiply two of these with a variance of about 1e-8.
-    lights, corrections, common = _constants(Lighting.ring(45.0), np.full(4, 1e-4))
-    values = np.concatenate([np.ravel(each) for each in (lights, corrections, common)])
+    lights, corrections, unit_covariances = _constants(Lighting.ring(45.0), np.full(4, 1e-4))
+    values = np.concatenate([np.ravel(each) for each in (lights, corrections, unit_covariances)])
     assert np.abs(values[values != 0.0]).min() > 1e-12
 
 
