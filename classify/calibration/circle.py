@@ -11,6 +11,7 @@ from scipy import ndimage
 
 from classify.base.arrays import FloatMap, Floats
 
+_GAUSS_NEWTON_STEPS = 4
 _SECTORS = 8
 
 
@@ -26,7 +27,7 @@ def fitted_circle(points: Floats, weights: Floats, start: Circle) -> Circle:
     """Fit a circle to (n, 2) points by geometric distance (Gauss-Newton)."""
     column, row, radius = start
     root = np.sqrt(weights)
-    for _ in range(4):
+    for _ in range(_GAUSS_NEWTON_STEPS):
         dx, dy = points[:, 0] - column, points[:, 1] - row
         distance = np.hypot(dx, dy)
         design = np.stack([dx / distance, dy / distance, np.ones_like(distance)], axis=1)
@@ -35,12 +36,12 @@ def fitted_circle(points: Floats, weights: Floats, start: Circle) -> Circle:
     return Circle(float(column), float(row), float(radius))
 
 
-def centre_error(rim: Floats, weights: Floats, circle: Circle) -> float:
+def centre_error(points: Floats, weights: Floats, circle: Circle) -> float:
     """Jackknife standard error of the centre; each fit leaves out one of eight sectors."""
-    angles = np.arctan2(rim[:, 1] - circle.row, rim[:, 0] - circle.column)
+    angles = np.arctan2(points[:, 1] - circle.row, points[:, 0] - circle.column)
     sector = np.floor((angles / (2.0 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
     fits = np.array([
-        fitted_circle(rim[sector != k], weights[sector != k], circle)[:2]
+        fitted_circle(points[sector != k], weights[sector != k], circle)[:2]
         for k in range(_SECTORS)
     ])  # fmt: skip
     variance = (_SECTORS - 1) * fits.var(axis=0)
@@ -63,8 +64,19 @@ def circles_through(points: Floats) -> Floats:
 _VOTE_SCATTER_RAD = 0.05
 # Ratio of neighbouring radii: half a step is within the scatter of the votes.
 _RADIUS_STEP = 1.05
-# Number of circles that `sphere_outline` compares; its time is proportional to it.
+# Number of detected circles: the time of `sphere_outline` is proportional to it.
 _CANDIDATES = 12
+_MIN_RADIUS_PX = 8.0
+# Largest radius as a share of the shorter side of the image: 0.5 just fits in.
+_MAX_RADIUS_SHARE = 0.55
+# Width of the Gaussian that gives the expected votes, over that of the counted ones.
+_BACKGROUND_RATIO = 4.0
+# Least variance of a count of votes, as a share of the radius in pixels.
+_VARIANCE_FLOOR = 0.2
+# Circles are duplicates if their centres and radii differ by less than this share of the radius.
+_DUPLICATE_SHARE = 0.1
+# Gradients over the median gradient of the image: the least at an edge, and that of weight 0.5.
+_MIN_EDGE, _HALF_WEIGHT = 2.0, 4.0
 
 
 def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list[Circle]:
@@ -74,8 +86,8 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
     points, gradients, weights = _edges(images)
     height, width = images[0].shape
     candidates: list[tuple[float, Circle]] = []
-    radius = max(smallest_radius_px, 8.0)
-    while radius <= 0.55 * min(height, width):
+    radius = max(smallest_radius_px, _MIN_RADIUS_PX)
+    while radius <= _MAX_RADIUS_SHARE * min(height, width):
         votes = np.zeros(height * width)
         for sign in (-radius, radius):
             centres = np.rint(points + sign * gradients).astype(np.intp)
@@ -83,12 +95,13 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
             cell = centres[inside, 1] * width + centres[inside, 0]
             votes += np.bincount(cell, weights[inside], height * width)
         scatter = max(1.0, _VOTE_SCATTER_RAD * radius)
-        image = votes.reshape(height, width)
+        accumulator = votes.reshape(height, width)
+        # The effective area of a Gaussian turns a weighted mean into a count.
         area = 4.0 * np.pi * scatter**2
-        count = cv2.GaussianBlur(image, (0, 0), scatter) * area
-        expected = cv2.GaussianBlur(image, (0, 0), 4.0 * scatter) * area
+        count = cv2.GaussianBlur(accumulator, (0, 0), scatter) * area
+        expected = cv2.GaussianBlur(accumulator, (0, 0), _BACKGROUND_RATIO * scatter) * area
         # Excess over edges in random places, in standard deviations (Poisson, with a floor).
-        score = (count - expected) / np.sqrt(expected + 0.2 * radius)
+        score = (count - expected) / np.sqrt(expected + _VARIANCE_FLOOR * radius)
         peaks = (score == cv2.dilate(score, np.ones((5, 5)))) & (score > 0.0)
         candidates += [
             (float(score[row, column]), Circle(float(column), float(row), radius))
@@ -96,11 +109,12 @@ def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list
         ]
         radius *= _RADIUS_STEP
     candidates.sort(key=lambda candidate: -candidate[0])
+    # Suppress duplicates of better circles.
     distinct: list[Circle] = []
     for _, circle in candidates:
         if all(
             np.hypot(circle.column - other.column, circle.row - other.row)
-            + abs(circle.radius - other.radius) > 0.1 * circle.radius
+            + abs(circle.radius - other.radius) > _DUPLICATE_SHARE * circle.radius
             for other in distinct
         ):  # fmt: skip
             distinct.append(circle)
@@ -117,16 +131,17 @@ def _edges(images: Sequence[FloatMap]) -> tuple[Floats, Floats, Floats]:
         gx, gy = (cv2.Scharr(smooth, cv2.CV_32F, dx, 1 - dx) for dx in (1, 0))
         magnitude = np.hypot(gx, gy)
         typical = float(np.median(magnitude)) + 1e-6
-        rows, columns = np.nonzero(magnitude > 2.0 * typical)
+        rows, columns = np.nonzero(magnitude > _MIN_EDGE * typical)
         strength = magnitude[rows, columns]
         ux, uy = gx[rows, columns] / strength, gy[rows, columns] / strength
+        # Non-maximum suppression along the gradient (Canny 1986).
         before, after = (
             ndimage.map_coordinates(
                 magnitude, (rows + k * uy, columns + k * ux), order=1, mode="nearest"
             )
             for k in (-1, 1)
         )
-        weight = strength / (strength + 4.0 * typical)
+        weight = strength / (strength + _HALF_WEIGHT * typical)
         edges = np.stack([columns, rows, ux, uy, weight], axis=1)
         edges_by_image.append(edges[(strength >= before) & (strength > after)])
     edges = np.concatenate(edges_by_image).astype(np.float64)
