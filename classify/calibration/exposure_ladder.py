@@ -1,11 +1,11 @@
 """The response of a camera from a ladder of exposures of one still scene.
 
 Block p of the scene gives the light a_p t in the exposure time t. With g the linear light at a
-pixel value, g(v) = c + a_p t for all blocks and exposures, where c is the offset of the camera. So
-g follows from the values up to a scale, without knowledge of the scene (after Debevec and Malik,
-"Recovering High Dynamic Range Radiance Maps from Photographs", SIGGRAPH 1997, and Mitsunaga and
-Nayar, "Radiometric Self Calibration", CVPR 1999, here with known exposures). Ambient light that
-does not change is light of the scene.
+pixel value, g(v) = c + a_p t for all blocks and exposures, where c = g(offset) and the offset is
+the pixel value without light. So g follows from the values up to a scale, without knowledge of the
+scene (after Debevec and Malik, "Recovering High Dynamic Range Radiance Maps from Photographs",
+SIGGRAPH 1997, and Mitsunaga and Nayar, "Radiometric Self Calibration", CVPR 1999, here with known
+exposures). Ambient light that does not change is light of the scene.
 """
 
 from dataclasses import dataclass
@@ -32,13 +32,15 @@ _ROUNDS, _SETTLED = 12, 1e-7
 # level could have any weight; without the upper one a steep piece hides the residuals of a wrong
 # exposure in it.
 _SLOPE_RANGE = (0.02, 6.0)
-# Levels between which the light rises by 1, as shares of the range. With the ends instead, a curve
-# that is steep at the highest level only would have next to no light and no residuals elsewhere.
+# Levels between which the light is scaled to rise by 1, as shares of the range. With the ends, the
+# curve could rise at the highest level only, and would be flat, with no residuals, elsewhere.
 _INNER_RANGE = (0.1, 0.9)
-# Range of the exponent by which the curve goes on beyond the measured values.
+_SCALE_WEIGHT = 1e3
+# Limits of the exponent of the power law below the measured values.
 _EXPONENTS = (0.25, 4.0)
 # Gamma and sRGB curves need five exposures; one more is left to contradict a wrong one.
 _MIN_EXPOSURES = 6
+# Least ratio of the longest to the shortest exposure, see _MIN_RISE.
 _MIN_RATIO = 4.0
 # Share of full scale that the ladder must reach; the curve above is a continuation. The white sheet
 # reaches 60 % on a rig whose parts are well exposed, see rig/doctor/light_images.py.
@@ -46,7 +48,7 @@ _MIN_TOP = 0.5
 # A response of gamma 4 rises by 30 % of its highest value over the least ratio of exposures;
 # automatic exposure keeps the value.
 _MIN_RISE = 0.2
-# Share of full scale by which a value may fall at a longer exposure: more than noise of means.
+# Largest fall of the median value at a longer exposure, as a share of full scale: above the noise.
 _MAX_FALL = 0.005
 # Shares of full scale. One exposure that is 5 % wrong gives a median residual of 0.2 to 2.5 %, and
 # exact exposures at most 0.04 %. Blocks scatter by noise: with a larger rms residual the curve
@@ -64,7 +66,7 @@ class ExposureLadder:
 
     response: Response
     departure: float  # largest distance of the curve from a straight line, share of full scale
-    offset: float  # pixel value without light: the limit of ever shorter exposures
+    offset: float  # pixel value without light, extrapolated to exposure 0
     lowest: float  # pixel value; the curve below it is a continuation
     highest: float  # pixel value; the curve above it is a continuation
 
@@ -158,7 +160,7 @@ class _Fit:
     spline: BSpline  # light above that at `lowest`; rises by 1 between two inner levels
     lowest: float
     highest: float
-    base: float  # light at `lowest`, without the offset of the camera
+    base: float  # light at `lowest` above that at the offset
     strengths: Floats  # (n,) light of each block per unit of exposure time
     residuals: Floats  # (E, n) differences of the levels from the fit; NaN where a level is
 
@@ -170,44 +172,48 @@ class _Fit:
         grid = np.linspace(lowest, highest, RESPONSE_STEPS + 1)
         light = fit.spline(grid)
         lengths = np.hypot(np.diff(grid) / (highest - lowest), np.diff(light) / light[-1])
-        along = np.r_[0.0, np.cumsum(lengths)]
-        knots = np.interp(np.linspace(0.0, along[-1], _PIECES + 1), along, grid)
+        arc_length = np.r_[0.0, np.cumsum(lengths)]
+        knots = np.interp(np.linspace(0.0, arc_length[-1], _PIECES + 1), arc_length, grid)
         return cls._with_knots(levels, times, knots)
 
     @classmethod
-    def _with_knots(cls, levels: Floats, times: Floats, ends: Floats) -> "_Fit":
+    def _with_knots(cls, levels: Floats, times: Floats, breakpoints: Floats) -> "_Fit":
         """Fit by least squares in the levels, with weights from the slope of the curve."""
         measured = np.isfinite(levels)
-        lowest, highest = float(ends[0]), float(ends[-1])
+        lowest, highest = float(breakpoints[0]), float(breakpoints[-1])
         inner = lowest + np.array(_INNER_RANGE) * (highest - lowest)
         mean_slope = 1.0 / float(np.ptp(inner))
-        knots = np.pad(ends, _DEGREE, mode="edge")
+        knots = np.pad(breakpoints, _DEGREE, mode="edge")
         pieces = _PIECES + _DEGREE
         # Sums of B-splines from one to the last: with factors of 0 or more they never fall.
         steps = BSpline(knots, np.tri(pieces)[:, 1:], _DEGREE)
         slope = steps.derivative()
         filled = np.where(measured, levels, lowest)
         terms = np.concatenate([np.ones((*levels.shape, 1)), steps(filled)], axis=-1)
-        slope_terms, knot_slope_terms = slope(filled), slope(ends[1:-1])
+        slope_terms, knot_slope_terms = slope(filled), slope(breakpoints[1:-1])
         times = times / times.max()
-        widths = 0.5 * (ends[2:] - ends[:-2])
-        thirds = np.diff(steps.derivative(3)(0.5 * (ends[1:] + ends[:-1])), axis=0)
-        jumps = np.zeros((_PIECES - 1, pieces))
-        jumps[:, 1:] = _SMOOTHNESS * widths[:, None] ** 3 * thirds
-        scale = np.r_[0.0, np.diff(steps(inner), axis=0)[0]][None] * 1e3
+        # Roughness penalty: jumps of the third derivative at inner breakpoints (Dierckx 1975).
+        widths = 0.5 * (breakpoints[2:] - breakpoints[:-2])
+        third_derivative_jumps = np.diff(
+            steps.derivative(3)(0.5 * (breakpoints[1:] + breakpoints[:-1])), axis=0
+        )
+        roughness = np.zeros((_PIECES - 1, pieces))
+        roughness[:, 1:] = _SMOOTHNESS * widths[:, None] ** 3 * third_derivative_jumps
+        # Equation that the light rises by 1 between the inner levels.
+        scale = np.r_[0.0, np.diff(steps(inner), axis=0)[0]][None] * _SCALE_WEIGHT
         bounds = np.r_[0.0, np.full(pieces - 1, 1e-9)]
-        slopes, knot_slopes = np.full(levels.shape, mean_slope), np.full(len(jumps), mean_slope)
+        slopes, knot_slopes = np.full(levels.shape, mean_slope), np.full(len(roughness), mean_slope)
         factors = np.zeros(pieces)
         for _ in range(_ROUNDS):
             weights = measured / slopes / np.sqrt(measured.sum())
-            # The strength of each block is that of least squares, and is eliminated.
+            # Eliminate the strengths of the blocks by partial regression (Frisch and Waugh 1933).
             by_time = np.square(weights) * times[:, None]
             shares = np.einsum("en,enq->nq", by_time, terms)
             shares /= (by_time * times[:, None]).sum(axis=0)[:, None]
             rows = weights[..., None] * (terms - times[:, None, None] * shares)
             upper = np.linalg.qr(rows.reshape(-1, pieces), mode="r")
-            system = np.concatenate([upper, jumps / knot_slopes[:, None], scale])
-            target = np.r_[np.zeros(len(system) - 1), 1e3]
+            system = np.concatenate([upper, roughness / knot_slopes[:, None], scale])
+            target = np.r_[np.zeros(len(system) - 1), _SCALE_WEIGHT]
             before, factors = factors, lsq_linear(system, target, (bounds, np.inf), method="bvls").x
             slopes, knot_slopes = (
                 np.clip(basis @ factors[1:], *(mean_slope * np.array(_SLOPE_RANGE)))
@@ -245,12 +251,13 @@ class _Fit:
         return float(np.nanmedian(light / self.strengths))
 
     def curve(self) -> tuple[Floats, float]:
-        """(257,) curve from 0 to 1, and the level without light."""
+        """(257,) curve from 0 to 1, and the offset."""
         lowest, highest = self.lowest, self.highest
         slope = self.spline.derivative()
         near, far = lowest + np.array([0.02, 0.25]) * (highest - lowest)
-        bend = np.log(float(slope(far)) / float(slope(near))) / np.log(far / near)
-        exponent = np.clip(1.0 + bend, *_EXPONENTS)
+        # The derivative of v^k has the exponent k - 1.
+        slope_exponent = np.log(float(slope(far)) / float(slope(near))) / np.log(far / near)
+        exponent = np.clip(1.0 + slope_exponent, *_EXPONENTS)
         bottom = lowest * float(slope(lowest)) / exponent
         top = bottom + float(self.spline(highest))
         light = bottom + self.spline(np.clip(_GRID, lowest, highest))
@@ -259,8 +266,8 @@ class _Fit:
         light[above] = top * (_GRID[above] / highest) ** (highest * float(slope(highest)) / top)
         # Rounding may have made the spline fall by some 1e-16.
         light = np.maximum.accumulate(np.maximum(light, 0.0))
-        dark = float(np.interp((bottom - self.base) / light[-1], light / light[-1], _GRID))
-        return light / light[-1], dark
+        offset = float(np.interp((bottom - self.base) / light[-1], light / light[-1], _GRID))
+        return light / light[-1], offset
 
 
 def _cause(levels: Floats, times: Floats, fit: _Fit) -> str:
