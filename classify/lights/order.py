@@ -24,14 +24,15 @@ _GIVEN_ORDER = _ORDERS[0]
 # An order whose misfit is larger than the best by this is implausible. Images of level surfaces,
 # which favour no order, give up to 0.09 (tests/evidence/light_order_rates.py).
 _CLEARLY_WORSE = 0.15
-# The middle of the frame is used, at every scale at which its sides have at least the coarsest
-# number of pixels. More pixels take more time; tests/evidence/light_order_rates.py holds the share
-# of orders that these decide.
+# Side of the square in the middle of each level of an image pyramid, and least side of the coarsest
+# level. More pixels take more time; tests/evidence/light_order_rates.py prints the share of orders
+# that these decide.
 _MIDDLE_PX = 192
 _COARSEST_PX = 48
+# Least number of lit pixels with lit neighbours; a level with fewer is ignored.
 _MIN_SAMPLES = 500
-_MIN_MISFIT = 1e-9  # the logarithm of 0 is avoided
-# A pixel with less than this share of the frame's mean brightness is mostly noise.
+_MIN_MISFIT = 1e-9  # avoids log(0)
+# Least brightness of a used pixel, as a share of the mean: darker ones are mostly noise.
 _MAYBE_NOISE = 0.1
 # Largest deviation from 180 degrees of the tilts of two opposite lights.
 _ACROSS_DEG = 30.0
@@ -42,7 +43,8 @@ class _LightOrder:
     """Orders of the lights that four images allow; image k shows light `order[k]`."""
 
     plausible: tuple[Order, ...]  # best first; all 24 if the images do not decide
-    opposite: Order | None  # rotated by 180 degrees; None if no two pairs across the axis
+    # Rotated by 180 degrees; None unless the lights form two opposite pairs.
+    opposite: Order | None
     excess: float  # misfit of the given order above that of the best one; 0 if best
 
     @property
@@ -82,16 +84,18 @@ def light_order(
     orders = np.array(_ORDERS)
     # (24, 4, 4): x, y and z of the scaled normal and the redundancy residual, from four images.
     weights = np.concatenate([pinv, null[None]])[:, orders].transpose(1, 0, 2).astype(np.float32)
-    same_pairs, same_axis = _alike(opposite)
-    residual, curl = np.zeros(len(_ORDERS)), np.zeros(len(_ORDERS))
+    same_pairs, same_axis = _equivalent_orders(opposite)
+    log_residual, log_curl = np.zeros(len(_ORDERS)), np.zeros(len(_ORDERS))
     for middles, usable_middle in _scales(planes, usable):
         values = np.stack(middles[:4]).astype(np.float32, copy=False)
-        for dark in middles[4:]:
-            values -= dark
-        residuals, curls = _misfits(values / intensities, usable_middle, weights)
-        residual += np.where(same_pairs, residuals, np.inf).min(axis=1)
-        curl += np.where(same_axis, curls, np.inf).min(axis=1)
-    misfit = residual + curl
+        for ambient_middle in middles[4:]:
+            values -= ambient_middle
+        log_residuals, log_curls = _misfits(values / intensities, usable_middle, weights)
+        # The residual shows only which lights are opposite, the curl shows orders only up to 180
+        # degrees: equivalent orders share their smallest misfit.
+        log_residual += np.where(same_pairs, log_residuals, np.inf).min(axis=1)
+        log_curl += np.where(same_axis, log_curls, np.inf).min(axis=1)
+    misfit = log_residual + log_curl
     misfit -= misfit.min()
     ranked = sorted(range(len(_ORDERS)), key=lambda index: float(misfit[index]))
     return _LightOrder(
@@ -166,7 +170,7 @@ def _misfits(values: FloatMap, usable: BoolArray, weights: FloatMap) -> Floats:
     shares = np.where(lit, values, 1.0) / np.where(lit, values.sum(axis=0), 4.0)
     shares = shares.astype(np.float32)
     means = shares.mean(axis=(1, 2), where=lit)
-    # All orders in one call: after each the thread would wait for the interpreter.
+    # One call for all orders: a thread may wait for the interpreter after each call.
     misfits = np.empty((len(weights), 2))
     _misfits_of_orders(shares, means, lit, inner, weights, misfits)
     # A uniform image has neither residual nor curl.
@@ -192,12 +196,12 @@ def _mean_misfits(
     of `means` (4,); `weight` (4, 4) gives scaled normal and residual.
     """
     rows, columns = lit.shape
-    none, one = np.float32(0.0), np.float32(1.0)
+    zero, one = np.float32(0.0), np.float32(1.0)
     x0, x1, x2, x3 = weight[0]
     y0, y1, y2, y3 = weight[1]
     z0, z1, z2, z3 = weight[2]
     n0, n1, n2, n3 = weight[3]
-    mean = (n0 * means[0] + n1 * means[1]) + (n2 * means[2] + n3 * means[3])
+    mean_residual = (n0 * means[0] + n1 * means[1]) + (n2 * means[2] + n3 * means[3])
     # Slopes of the last three rows.
     p, q = np.empty((3, columns), np.float32), np.empty((3, columns), np.float32)
     curl = np.empty((rows - 2, columns - 2), np.float32)
@@ -212,25 +216,25 @@ def _mean_misfits(
             over_z = -one / ((z0 * a + z1 * b) + (z2 * c + z3 * d))
             p[below, column] = ((x0 * a + x1 * b) + (x2 * c + x3 * d)) * over_z
             q[below, column] = ((y0 * a + y1 * b) + (y2 * c + y3 * d)) * over_z
-            residual = abs((n0 * a + n1 * b) + (n2 * c + n3 * d) - mean)
-            counts[column] += one if lit[row, column] else none
-            residuals[column] += residual if lit[row, column] else none
+            residual = abs((n0 * a + n1 * b) + (n2 * c + n3 * d) - mean_residual)
+            counts[column] += one if lit[row, column] else zero
+            residuals[column] += residual if lit[row, column] else zero
         if row < 2:
             continue
         for column in range(columns - 2):
             # y is up, rows go down
-            across = p[above, column + 1] - p[below, column + 1]
-            value = across - (q[here, column + 2] - q[here, column])
-            curl[row - 2, column] = value
-            inner_counts[column] += one if inner[row - 2, column] else none
-            curls[column] += value if inner[row - 2, column] else none
+            dp_dy = p[above, column + 1] - p[below, column + 1]
+            pixel_curl = dp_dy - (q[here, column + 2] - q[here, column])
+            curl[row - 2, column] = pixel_curl
+            inner_counts[column] += one if inner[row - 2, column] else zero
+            curls[column] += pixel_curl if inner[row - 2, column] else zero
     count = inner_counts.sum()
-    mean = curls.sum() / count
-    curls[:] = none
+    mean_curl = curls.sum() / count
+    curls[:] = zero
     for row in range(rows - 2):
         for column in range(columns - 2):
-            deviation = abs(curl[row, column] - mean)
-            curls[column] += deviation if inner[row, column] else none
+            deviation = abs(curl[row, column] - mean_curl)
+            curls[column] += deviation if inner[row, column] else zero
     return residuals.sum() / counts.sum(), curls.sum() / count
 
 
@@ -247,7 +251,7 @@ def _opposite(lighting: Lighting) -> Order | None:
 
 
 @lru_cache(maxsize=8)
-def _alike(opposite: Order) -> tuple[BoolArray, BoolArray]:
+def _equivalent_orders(opposite: Order) -> tuple[BoolArray, BoolArray]:
     """(24, 24) each: orders with equal opposite pairs; orders equal up to 180 deg."""
 
     def pairs(order: Order) -> set[frozenset[int]]:
