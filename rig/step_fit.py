@@ -1,4 +1,4 @@
-"""Fit the meaning of a camera's time stamps to the light of many LED steps.
+"""Estimate stamp offset and readout time from the light of LED steps.
 
 An LED is switched at a known time a, and the frames around it are averaged in bands of rows. A row
 that was exposed from S to S + e holds a share F of the step's light. For light that approaches its
@@ -21,19 +21,24 @@ import numpy as np
 from classify.base.arrays import BoolArray, Floats
 
 # Shares of light in a band whose exposure contains the step; beyond them noise dominates its time.
-_CAUGHT = (0.03, 0.97)
-# The fit starts from the best point of a grid over the first and the last band: D in steps of this
-# many periods, R in this many values, tau of a common LED driver. The grid only has to lead to the
+_STEP_SHARES = (0.03, 0.97)
+# The fit starts from the best point of a grid over the first and the last band: range and step of D
+# in periods, number of values of R, tau of a common LED driver. The grid only has to lead to the
 # right minimum, which tests/rig/test_latency.py checks for random cameras.
+_GRID_RANGE_PERIODS = (-2.0, 3.0)
 _GRID_PERIODS = 0.04
 _GRID_READOUTS = 9
 _GRID_BANDS = [0, -1]
 _GRID_TAU_S = 0.0003
+# Limits of |D| and |R| in periods.
+_LIMIT_PERIODS = 4.0
 # Time constants beyond those of any LED, so that the fit stays finite.
 _TAU_LIMITS_S = (1e-6, 0.1)
 # Residual from which a share has less weight (soft L1), several times the noise of a band: a frame
 # with a jittering stamp, or other light.
 _SOFT_SHARE = 0.01
+# Scales of D and R in s, and of the logarithms of both time constants.
+_FIT_SCALES = (1e-3, 1e-3, 0.3, 0.3)
 _RISE_10_90 = math.log(9.0)
 
 
@@ -41,7 +46,7 @@ _RISE_10_90 = math.log(9.0)
 class Steps:
     """Frames around steps of one LED."""
 
-    reported_s: Floats  # (F,) exposure start of each frame, after its step
+    reported_s: Floats  # (F,) reported exposure start of each frame, relative to its step
     rising: BoolArray  # (F,) whether the LED was switched on
     shares: Floats  # (F, B) of the LED's full light in each band of rows
     bands: Floats  # (B,) position of each band: 0 is the first row, 1 the last
@@ -53,7 +58,7 @@ class Steps:
 class StepFit:
     """The fitted model."""
 
-    start_s: float  # from the reported to the true exposure start of the first row
+    start_s: float  # offset from the reported to the true start of the first exposed row
     # Largest deviation of a stamp, plus a standard deviation as margin for other frames.
     deviation_s: float
     readout_s: float  # from the row that is exposed first to the last one
@@ -85,38 +90,38 @@ def fit_steps(steps: Steps) -> StepFit:
     coarse = replace(steps, shares=steps.shares[:, _GRID_BANDS], bands=steps.bands[_GRID_BANDS])
     start = min(
         (
-            np.array([start_s, readout_s, log_tau, log_tau])
-            for start_s in np.arange(-2.0, 3.0, _GRID_PERIODS) * steps.period_s
+            np.array([offset_s, readout_s, log_tau, log_tau])
+            for offset_s in np.arange(*_GRID_RANGE_PERIODS, _GRID_PERIODS) * steps.period_s
             for readout_s in np.linspace(-steps.period_s, steps.period_s, _GRID_READOUTS)
         ),
         key=lambda values: float(np.abs(_misfit(coarse, values)).sum()),
     )
-    span = 4.0 * steps.period_s
+    span = _LIMIT_PERIODS * steps.period_s
     solution = least_squares(
         lambda values: _misfit(steps, values).ravel(),
         start,
         loss="soft_l1",
         f_scale=_SOFT_SHARE,
-        x_scale=(1e-3, 1e-3, 0.3, 0.3),
+        x_scale=_FIT_SCALES,
         bounds=([-span, -span, low, low], [span, span, high, high]),
     )
-    start_s, readout_s = (float(value) for value in solution.x[:2])
-    rise_s, fall_s = (math.exp(float(value)) for value in solution.x[2:])
-    offsets = _frame_offsets(steps, start_s, readout_s, rise_s, fall_s)
+    offset_s, readout_s = (float(value) for value in solution.x[:2])
+    rise_tau_s, fall_tau_s = (math.exp(float(value)) for value in solution.x[2:])
+    offsets = _frame_offsets(steps, offset_s, readout_s, rise_tau_s, fall_tau_s)
     residual = _misfit(steps, solution.x).ravel()
     if len(offsets):
-        start_s += float(np.median(offsets))
+        offset_s += float(np.median(offsets))
         offsets = offsets - np.median(offsets)
     # The bands of one frame share the error of its stamp, so that they count as one.
     readout_error_s = math.sqrt(len(steps.bands)) * _error_of(1, solution.jac, residual)
     return StepFit(
-        start_s=start_s + min(readout_s, 0.0),
+        start_s=offset_s + min(readout_s, 0.0),
         deviation_s=float(np.abs(offsets).max() + np.std(offsets)) if len(offsets) else 0.0,
         readout_s=abs(readout_s),
         readout_error_s=readout_error_s,
         bottom_up=readout_s < 0.0,
-        rise_s=rise_s * _RISE_10_90,
-        fall_s=fall_s * _RISE_10_90,
+        rise_s=rise_tau_s * _RISE_10_90,
+        fall_s=fall_tau_s * _RISE_10_90,
         caught=len(offsets),
         misfit=float(np.sqrt(np.mean(residual**2))),
     )
@@ -124,8 +129,8 @@ def fit_steps(steps: Steps) -> StepFit:
 
 def _misfit(steps: Steps, values: Floats) -> Floats:
     """(F, B) model minus measurement, for D, R and the logarithms of both time constants."""
-    start_s, readout_s, log_rise, log_fall = (float(value) for value in values)
-    lit_s = _lit_s(steps, start_s, readout_s)
+    offset_s, readout_s, log_rise, log_fall = (float(value) for value in values)
+    lit_s = _lit_s(steps, offset_s, readout_s)
     rising = steps.rising[:, None]
     risen = lit_share(lit_s, steps.exposure_s, math.exp(log_rise))
     fallen = 1.0 - lit_share(lit_s, steps.exposure_s, math.exp(log_fall))
@@ -133,28 +138,28 @@ def _misfit(steps: Steps, values: Floats) -> Floats:
     return difference
 
 
-def _lit_s(steps: Steps, start_s: float, readout_s: float) -> Floats:
+def _lit_s(steps: Steps, offset_s: float, readout_s: float) -> Floats:
     """(F, B) x of the module's formula: part of each band's exposure after the step."""
-    begins = steps.reported_s[:, None] + start_s + steps.bands * readout_s
+    begins = steps.reported_s[:, None] + offset_s + steps.bands * readout_s
     return begins + steps.exposure_s
 
 
 def _frame_offsets(
-    steps: Steps, start_s: float, readout_s: float, rise_s: float, fall_s: float
+    steps: Steps, offset_s: float, readout_s: float, rise_tau_s: float, fall_tau_s: float
 ) -> Floats:
     """Offset of the start of each frame that contains a step: the median of its bands."""
     table_s = np.linspace(-0.1 * steps.exposure_s, 1.1 * steps.exposure_s, 4001)
-    expected = _lit_s(steps, start_s, readout_s)
+    expected = _lit_s(steps, offset_s, readout_s)
     differences = []
-    for rising, tau_s in ((True, rise_s), (False, fall_s)):
+    for rising, tau_s in ((True, rise_tau_s), (False, fall_tau_s)):
         curve = lit_share(table_s, steps.exposure_s, tau_s)
         chosen = steps.rising == rising
         shares = steps.shares[chosen] if rising else 1.0 - steps.shares[chosen]
         for frame, lit_s in zip(shares, expected[chosen], strict=True):
-            caught = (frame > _CAUGHT[0]) & (frame < _CAUGHT[1])
-            if caught.any():
-                after_s = np.interp(frame[caught], curve, table_s)
-                differences.append(float(np.median(after_s - lit_s[caught])))
+            contains_step = (frame > _STEP_SHARES[0]) & (frame < _STEP_SHARES[1])
+            if contains_step.any():
+                after_s = np.interp(frame[contains_step], curve, table_s)
+                differences.append(float(np.median(after_s - lit_s[contains_step])))
     return np.array(differences)
 
 
