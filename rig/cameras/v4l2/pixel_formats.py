@@ -96,15 +96,15 @@ def _words(rows: _Bytes) -> Pixels:
     return words.astype(np.uint16, copy=False)
 
 
-def _from_bytes(pixels: Pixels) -> bytes:
+def _to_bytes(pixels: Pixels) -> bytes:
     return pixels.astype(np.uint8, copy=False).tobytes()
 
 
-def _from_words(pixels: Pixels) -> bytes:
+def _to_words(pixels: Pixels) -> bytes:
     return pixels.astype("<u2", copy=False).tobytes()
 
 
-def _from_luma(place: int) -> Callable[[Pixels], bytes]:
+def _to_luma(place: int) -> Callable[[Pixels], bytes]:
     """Encode grey as luma of the limited range (BT.601) at one of two bytes, without colour."""
 
     def encode(pixels: Pixels) -> bytes:
@@ -155,12 +155,12 @@ _BAYER_FOURCCS = {
 PIXEL_FORMATS = {
     entry.name: entry
     for entry in (
-        PixelFormat("GREY", "GREY", 8, 1, _bytes(0, 1), _from_bytes),
-        PixelFormat("Y10", "Y10 ", 10, 2, _words, _from_words),
-        PixelFormat("Y12", "Y12 ", 12, 2, _words, _from_words),
-        PixelFormat("Y16", "Y16 ", 16, 2, _words, _from_words),
-        PixelFormat("YUYV", "YUYV", 8, 2, _bytes(0, 2), _from_luma(0)),
-        PixelFormat("UYVY", "UYVY", 8, 2, _bytes(1, 2), _from_luma(1)),
+        PixelFormat("GREY", "GREY", 8, 1, _bytes(0, 1), _to_bytes),
+        PixelFormat("Y10", "Y10 ", 10, 2, _words, _to_words),
+        PixelFormat("Y12", "Y12 ", 12, 2, _words, _to_words),
+        PixelFormat("Y16", "Y16 ", 16, 2, _words, _to_words),
+        PixelFormat("YUYV", "YUYV", 8, 2, _bytes(0, 2), _to_luma(0)),
+        PixelFormat("UYVY", "UYVY", 8, 2, _bytes(1, 2), _to_luma(1)),
         PixelFormat("RGB24", "RGB3", 8, 3, _luma_of("RGB")),
         PixelFormat("BGR24", "BGR3", 8, 3, _luma_of("BGR")),
         PixelFormat("MJPG", "MJPG", 8, 0, _bytes(0, 1)),
