@@ -55,17 +55,17 @@ def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
     if dark is not None and exposure_ms != SEARCH and not dark.holds_at(float(exposure_ms)):
         raise InputError(
             f"{source}: exposure_ms = {exposure_ms:g}, but dark frames {measured_at(dark)} "
-            f"({config.calibration}); set camera.exposure_ms = {exposure_ms:g} in rig.toml, and "
-            "ps4rig calibrate dark adds this exposure"
+            f"({config.calibration}); set camera.exposure_ms = {exposure_ms:g} in rig.toml, then "
+            "run ps4rig calibrate dark to add it"
         )
 
 
 def _check_calibration(file: CalibrationFile, config: RigConfig) -> None:
     """Check a calibration against the rig and the frame of a configuration."""
     camera = config.camera
-    if camera.recording is not None:  # its frames are those of the set
+    if camera.recording is not None:  # a replay shows a recorded set, not this rig
         return
-    stated = {
+    rig_setting = {
         "rig_name": config.name,
         "width_px": camera.width_px,
         "height_px": camera.height_px,
@@ -75,7 +75,7 @@ def _check_calibration(file: CalibrationFile, config: RigConfig) -> None:
     causes = [
         cause
         for name, record in file.records.items()
-        for cause in file.differences(name, record.setting.model_copy(update=stated))
+        for cause in file.differences(name, record.setting.model_copy(update=rig_setting))
     ]
     if causes:
         raise InputError(
@@ -85,14 +85,14 @@ def _check_calibration(file: CalibrationFile, config: RigConfig) -> None:
 
 
 def search_warning(plan: SessionPlan, config: RigConfig) -> str | None:
-    """Say which exposures of a search the calibration of the rig will refuse."""
+    """Return a warning if the exposure search can leave the range of the dark frames."""
     dark = _dark_of(config)
     if plan.exposure_ms != SEARCH or dark is None or dark.exposure_ms is None:
         return None
     return (
         f"exposure_ms = '{SEARCH}', but dark frames {measured_at(dark)} ({config.calibration}): "
         "sets at other exposures will be refused; set camera.exposure_ms in rig.toml to the "
-        "shortest and the longest exposure, and ps4rig calibrate dark adds each of them"
+        "shortest and then the longest exposure, and run ps4rig calibrate dark at each"
     )
 
 
@@ -132,8 +132,8 @@ def _check_frame(folder: SessionFolder, config: RigConfig) -> None:
         )
 
 
-def turn_specimen(plan: SessionPlan, orientation_deg: float) -> None:
-    """Let the turntable of a plan, if it has one, turn the specimen."""
+def rotate_specimen(plan: SessionPlan, orientation_deg: float) -> None:
+    """Rotate the specimen to an orientation, if the plan has a turntable."""
     if plan.turntable is None:
         return
     command = plan.turntable_command(orientation_deg)
@@ -155,7 +155,8 @@ def _cause(error: OSError | subprocess.SubprocessError) -> str:
     return getattr(error, "strerror", None) or str(error)
 
 
-# Each round makes a saturated image 2.5 times darker: six rounds reach 1/100 of the first exposure.
+# While images are saturated, each round tries 0.4 times the last exposure: the sixth tries 1/100 of
+# the first.
 _ROUNDS = 6
 # Below the shortest exposure of common cameras, 0.02 ms.
 _MIN_EXPOSURE_MS = 0.01
@@ -163,7 +164,7 @@ _MIN_EXPOSURE_MS = 0.01
 
 def find_exposure_ms(config: RigConfig) -> float:
     """Find an exposure in ms that `rate_exposure` calls good, from that of `config`; for a dark
-    specimen the longest within a frame.
+    specimen, the longest that the camera allows.
     """
     listed = [] if config.is_simulated else list_cameras()
     exposure_ms = config.camera.exposure_ms
@@ -173,13 +174,14 @@ def find_exposure_ms(config: RigConfig) -> float:
             shortest_ms, longest_ms = exposure_range_ms(rig.camera, listed, config.camera)
         if rating.is_good:
             return exposure_ms
-        # To whole microseconds, rounded down: the longest still has to fit into a frame.
-        wanted_us = math.floor(1e3 * min(exposure_ms * rating.factor, longest_ms) + 1e-6)
-        if rating.factor > 1.0 and wanted_us / 1e3 <= exposure_ms:
-            return exposure_ms  # dark, but nothing longer fits into a frame
-        if wanted_us / 1e3 < max(shortest_ms, _MIN_EXPOSURE_MS):
+        # To whole microseconds, rounded down so as not to exceed the longest; 1e-6 for floats that
+        # are just below a whole number.
+        proposed_us = math.floor(1e3 * min(exposure_ms * rating.factor, longest_ms) + 1e-6)
+        if rating.factor > 1.0 and proposed_us / 1e3 <= exposure_ms:
+            return exposure_ms  # dark, but the longest already
+        if proposed_us / 1e3 < max(shortest_ms, _MIN_EXPOSURE_MS):
             break
-        exposure_ms = wanted_us / 1e3
+        exposure_ms = proposed_us / 1e3
     raise InputError(
         f"no exposure down to {exposure_ms:g} ms suits the specimen; dim the LEDs, or close the "
         "aperture"
@@ -195,13 +197,15 @@ _NOT_COMPARED = Check(
 
 
 def compare_rig(rig: Rig, file: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
-    """Compare a rig with its calibration by a sheet: GO, STOP by the person before the first, or
-    CalibrationRejected on a fault.
+    """Compare a rig with its calibration by a sheet; return GO if it agrees or the person skips.
+
+    After a fault the person is asked again. STOP before any fault is returned; STOP after one, or a
+    fault without a person to ask, raises CalibrationRejected.
     """
     cause: str | None = None
-    is_alone = lays_sheet_down(rig)
+    needs_no_person = lays_sheet_down(rig)
     while True:
-        answer = Answer.GO if is_alone else ask(PlaceSheet(cause))
+        answer = Answer.GO if needs_no_person else ask(PlaceSheet(cause))
         if answer is Answer.SKIP:
             publish(RigCompared((_NOT_COMPARED,)))
             return Answer.GO
@@ -221,5 +225,5 @@ def compare_rig(rig: Rig, file: CalibrationFile, ask: Ask, publish: Publish) -> 
                 publish(RigCompared(checks))
                 return Answer.GO
             cause = "; ".join(faults)
-        if is_alone:
+        if needs_no_person:
             raise CalibrationRejected(cause)

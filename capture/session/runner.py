@@ -24,7 +24,7 @@ from .journal import FinishReason, RunRecord, SetEntry
 from .measures import SpecimenReference, enter_corrections, measures_of_first
 from .plan import SEARCH, PlannedSet
 from .plan_change import rig_changes, rig_settings
-from .rig_checks import check_rig, compare_rig, find_exposure_ms, turn_specimen
+from .rig_checks import check_rig, compare_rig, find_exposure_ms, rotate_specimen
 
 
 @dataclass(frozen=True)
@@ -175,7 +175,7 @@ class _Runner:
                 case Answer.REPEAT:
                     # The previous placement once more, if there was one.
                     if last is not None:
-                        turn_specimen(self._folder.plan, last[0].orientation_deg)
+                        rotate_specimen(self._folder.plan, last[0].orientation_deg)
                         self._capture_placement(last)
                     continue
                 case Answer.SKIP:
@@ -183,7 +183,7 @@ class _Runner:
                 case Answer.LEAVE:
                     pass
                 case Answer.GO:
-                    turn_specimen(self._folder.plan, first.orientation_deg)
+                    rotate_specimen(self._folder.plan, first.orientation_deg)
                     last = placements[index]
                     self._capture_placement(last)
             index += 1
