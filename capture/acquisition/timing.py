@@ -27,18 +27,21 @@ class _SetTiming:
     clock: Literal["real", "virtual"]
     accepted: int
     rejected: int
-    # Median: by software from the command to its acknowledge, with a strobe from the end of the
+    # Median: by software from the command to its acknowledgement, with a strobe from the end of the
     # exposure to the change of the light; None with a trigger.
     switch_ms: float | None
     # Duration of `capture_set`; None if all sets were rejected.
     median_ms: float | None
     worst_ms: float | None
     exposures_ms: float | None  # median from the start of the first exposure to the end of the last
-    limit_ms: float  # one frame period for each light and for an ambient image
+    limit_ms: float  # for `exposures_ms`: one frame period per light and for the ambient image
 
 
 def compared_configs(config: RigConfig) -> Iterator[RigConfig]:
-    """All modes of a simulated rig; a real rig's own mode, and software for one with a strobe."""
+    """Yield all modes of a simulated rig, or the mode of a real one.
+
+    A real rig with a strobe is also measured by software, first.
+    """
     if config.is_simulated:
         for clock in ("virtual", "real"):
             for frame_rate_hz, exposure_ms in _SIMULATED_MODES:
@@ -74,7 +77,7 @@ def measure_set_timing(config: RigConfig, sets: int) -> _SetTiming:
                 rejected += 1
         if accepted and synchronisation == "strobe":
             switch_ms = statistics.median(
-                ms for captured in accepted for ms in _reactions_ms(captured)
+                ms for captured in accepted for ms in _switch_latencies_ms(captured)
             )
         info = rig.camera.info
         simulated_virtual = config.is_simulated and config.simulation.clock == "virtual"
@@ -99,9 +102,9 @@ def _exposures_s(captured: CapturedSet) -> float:
     return max(frame.exposure_end_s for frame in frames) - first_s
 
 
-def _reactions_ms(captured: CapturedSet) -> Iterator[float]:
+def _switch_latencies_ms(captured: CapturedSet) -> Iterator[float]:
     """Time from the end of each exposure on the strobe line to the change of the light."""
-    *lights, ambient = captured.metadata.images
+    *lights, ambient = captured.metadata.images  # the ambient image is captured first, stored last
     for before, after in pairwise((ambient, *lights)):
         if after.controller_time_us is not None:
             yield 1e-3 * (after.controller_time_us - before.exposures_us[-1][1])
