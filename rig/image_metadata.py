@@ -42,7 +42,7 @@ class ImageMetadata:
     orientation: int = 1
     response: str | None = None
     exposure_ms: float | None = None
-    taken: str | None = None
+    capture_date: str | None = None
 
 
 def metadata_of_info(
@@ -122,7 +122,9 @@ def _metadata(
         orientation=next(iter(orientations), 1),
         response=next(iter(responses), None),
         exposure_ms=exposure_ms if 0.0 < exposure_ms < math.inf else None,
-        taken=_date(str(tags.get("DateTimeOriginal")), str(tags.get("OffsetTimeOriginal", ""))),
+        capture_date=_date(
+            str(tags.get("DateTimeOriginal")), str(tags.get("OffsetTimeOriginal", ""))
+        ),
     )
 
 

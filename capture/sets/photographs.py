@@ -28,6 +28,7 @@ from .image_checks import LightImages, check_photographs
 from .metadata import ImageRecord, LightingRecord, SetMetadata
 
 Gamma = Literal["linear", "srgb"]
+# The gamma is stated by the files, given by the user, or assumed by default.
 _GammaSource = Literal["stated", "given", "assumed"]
 Crop = tuple[int, int, int, int]
 
@@ -50,45 +51,47 @@ class Photographs:
     bit_depth: int
     full_scale: int  # saturated value in `planes`
     depth_guessed_from: int | None  # largest value in the files, if the depth was guessed from it
-    gamma: Gamma
+    gamma: Gamma  # of the files
     gamma_source: _GammaSource
     frame: tuple[int, int]  # rows and columns before the crop
     orientation: int  # EXIF orientation of the files; `planes` are upright
-    date: str | None
-    warnings: tuple[str, ...]  # about the response
+    capture_date: str | None
+    warnings: tuple[str, ...]  # about the gamma
 
 
 def read_photographs(
     paths: Sequence[Path], *, gamma: Gamma | None, bits: int | None, crop: Crop | None
 ) -> Photographs:
     """Read photographs that belong together; parameters and errors as of `import_images`."""
-    raw = sum(path.suffix.lower() == DNG for path in paths)
-    if raw not in (0, len(paths)):
-        raise InputError(f"{raw} of {len(paths)} photographs are DNG; give all or none as DNG")
-    if raw and (gamma == "srgb" or bits is not None):
+    dng_count = sum(path.suffix.lower() == DNG for path in paths)
+    if dng_count not in (0, len(paths)):
+        raise InputError(
+            f"{dng_count} of {len(paths)} photographs are DNG; give all or none as DNG"
+        )
+    if dng_count and (gamma == "srgb" or bits is not None):
         raise InputError("a DNG is linear and states its depth; leave out --gamma and --bits")
     frames, metadata = _read_alike(paths)
     stated = [file.response for file in metadata]
-    response, source, warnings = _response(paths, stated, frames[0], gamma)
+    gamma, source, warnings = _gamma_to_undo(paths, stated, frames[0], gamma)
     images = [_cropped(frame, crop) for frame in frames]
-    bit_depth, full_scale, largest = (16, 65535, None) if raw else _depth(images, bits)
-    if response == "srgb" or any(image.ndim == 3 for image in images):
-        planes = [_linear_luminance(image, full_scale, response == "srgb") for image in images]
+    bit_depth, full_scale, largest = (16, 65535, None) if dng_count else _depth(images, bits)
+    if gamma == "srgb" or any(image.ndim == 3 for image in images):
+        planes = [_linear_luminance(image, full_scale, gamma == "srgb") for image in images]
         full_scale = 65535
     else:
         planes = [image.astype(np.uint16) for image in images]
     rows, columns = frames[0].shape[:2]
-    date = next(filter(None, (file.taken for file in metadata)), None)
+    capture_date = next(filter(None, (file.capture_date for file in metadata)), None)
     return Photographs(
-        planes, bit_depth, full_scale, largest, response, source, (rows, columns),
-        metadata[0].orientation, date, warnings,
+        planes, bit_depth, full_scale, largest, gamma, source, (rows, columns),
+        metadata[0].orientation, capture_date, warnings,
     )  # fmt: skip
 
 
-def _response(
+def _gamma_to_undo(
     paths: Sequence[Path], stated: Sequence[str | None], frame: Array, gamma: Gamma | None
 ) -> tuple[Gamma, _GammaSource, tuple[str, ...]]:
-    """Return the response to undo, its source and warnings about it."""
+    """Return the gamma to undo, its source and warnings about it."""
     if gamma is not None:
         others = [k for k, other in enumerate(stated) if other not in (None, gamma)]
         if not others:
@@ -153,9 +156,9 @@ def _read_alike(paths: Sequence[Path]) -> tuple[list[Array], list[ImageMetadata]
         if metadata.orientation != first_metadata.orientation:
             raise InputError(
                 f"{path}: EXIF orientation {metadata.orientation}, but {paths[0]} has "
-                f"{first_metadata.orientation}; the camera must not turn between photographs. A "
-                "camera that looks down may notice turns by mistake: then remove the EXIF data of "
-                "all images"
+                f"{first_metadata.orientation}; keep the camera fixed between photographs. A "
+                "camera that looks down may record a wrong orientation: then remove the EXIF data "
+                "of all images"
             )
         if image.shape[:2] != first.shape[:2]:
             raise InputError(
@@ -203,10 +206,10 @@ def _depth(images: Sequence[Array], bits: int | None) -> tuple[int, int, int | N
 
 def _guessed_depth(largest: int, used_bits: int) -> int:
     """Depth of data in 16 bits; `used_bits` are the bits that are set in some pixel."""
-    unused = max((used_bits & -used_bits).bit_length() - 1, 0)  # of the lower bits; 0 if all black
+    trailing_zero_bits = max((used_bits & -used_bits).bit_length() - 1, 0)  # 0 if all black
     # Data in the upper bits use all of them; among few values the lower bits may be 0 by chance.
-    if used_bits == (1 << 16) - (1 << unused):
-        return next(depth for depth in _DEPTHS if depth + unused >= 16)
+    if used_bits == (1 << 16) - (1 << trailing_zero_bits):
+        return next(depth for depth in _DEPTHS if depth + trailing_zero_bits >= 16)
     return next(depth for depth in _DEPTHS if largest < 1 << depth)
 
 
@@ -216,9 +219,9 @@ def _linear_luminance(image: Array, full_scale: int, srgb: bool) -> npt.NDArray[
     if srgb:
         levels = linear_from_srgb(levels)
     linear = levels[image]
-    colours = image.ndim == 3
-    brightest = image.max(axis=2) if colours else image
-    luminances = luminance(linear) if colours else linear
+    is_colour = image.ndim == 3
+    brightest = image.max(axis=2) if is_colour else image
+    luminances = luminance(linear) if is_colour else linear
     stored: npt.NDArray[np.uint16] = np.rint(luminances * np.float32(65535.0)).astype(np.uint16)
     stored[brightest >= full_scale] = 65535
     return stored
@@ -265,7 +268,7 @@ def import_images(
     crop
         Column and row of the top left pixel, width and height of the part that is kept.
     accept
-        Names of an `ImportCause` that is a warning instead of a refusal.
+        Values of `ImportCause` that give a warning instead of a refusal.
     warnings
         Warnings about the lights, to be kept in the set before those of the checks.
     calibration
@@ -289,14 +292,14 @@ def import_images(
     require_solvable(lighting)
     files = [*paths, *(() if ambient is None else (ambient,))]
     photographs = read_photographs(files, gamma=gamma, bits=bits, crop=crop)
-    part = (
+    part_mask = (
         None if mask is None else read_mask(mask, photographs.frame, crop, photographs.orientation)
     )
     images = np.stack(photographs.planes[: len(lighting)])
     ambient_image = None if ambient is None else photographs.planes[-1]
     # Bytes of a file name that are not UTF-8 are escaped.
     names = [path.name.encode("utf-8", "backslashreplace").decode() for path in files]
-    checked = LightImages(
+    light_images = LightImages(
         images=images,
         ambient=np.zeros_like(images[0]) if ambient_image is None else ambient_image,
         later_ambient=None,
@@ -305,7 +308,9 @@ def import_images(
         full_scale=photographs.full_scale,
         noise=None,
     )
-    findings, checks = check_photographs(checked, part, (calibration or Calibration()).at(None))
+    findings, checks = check_photographs(
+        light_images, part_mask, (calibration or Calibration()).at(None)
+    )
     refused = [finding for finding in findings if finding.refutes and finding.cause not in accept]
     if refused:
         causes = "; ".join(f"{finding.text} (--accept {finding.cause})" for finding in refused)
@@ -324,7 +329,7 @@ def import_images(
         checks=checks,
         gamma=photographs.gamma,
         gamma_source=photographs.gamma_source,
-        photographed=photographs.date,
+        photographed=photographs.capture_date,
         crop=crop,
         mask_file=None if mask is None else mask.name.encode("utf-8", "backslashreplace").decode(),
         warnings=(
@@ -332,14 +337,14 @@ def import_images(
             *photographs.warnings,
             *_about_depth(photographs),
             *_about_slants(lighting),
-            *_about_outline(mask, part),
+            *_about_outline(mask, part_mask),
             *(finding.text for finding in findings),
         ),
         accepted=tuple(dict.fromkeys(finding.cause for finding in findings if finding.refutes)),
         software_version=version("ps4rig"),
-        pixels_sha256=pixels_sha256(images, ambient_image, part),
+        pixels_sha256=pixels_sha256(images, ambient_image, part_mask),
     )
-    return CapturedSet(images, ambient_image, metadata, part)
+    return CapturedSet(images, ambient_image, metadata, part_mask)
 
 
 def _about_depth(photographs: Photographs) -> list[str]:

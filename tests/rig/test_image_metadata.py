@@ -194,7 +194,7 @@ TAKEN = private_exif(
 def test_exposure_time_and_date_are_read(name: str, content: bytes, tmp_path: Path) -> None:
     (tmp_path / name).write_bytes(content)
     metadata = read_image_file(tmp_path / name)[1]
-    assert metadata.taken == "2024-05-01T12:34:56+02:00"
+    assert metadata.capture_date == "2024-05-01T12:34:56+02:00"
     assert metadata.exposure_ms == pytest.approx(1000 / 60)
     assert read_exposure_ms(tmp_path / name) == metadata.exposure_ms
 
