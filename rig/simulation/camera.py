@@ -27,7 +27,7 @@ TRANSFER_S = 0.004
 _TRIGGER_POLL_S = 0.001
 # A clock that slept until a frame was ready may be early by a rounding error.
 _ROUNDING_S = 1e-6
-# Number of recorded starts, for frames in the driver's buffers: 1,600 sets without a read.
+# Starts that are kept at least, for frames that are not read yet: 1,600 sets of five frames.
 KEPT_STARTS = 8192
 
 _Strobe = Callable[[bool, float], object]
@@ -120,13 +120,13 @@ class FreeRunning(Exposures):
 
 
 class Triggered(Exposures):
-    """An exposure at each trigger that is a frame period after the last exposure."""
+    """One exposure per trigger; a trigger within a frame period of the last start is ignored."""
 
     def __init__(self, clock: Clock, shutter: Shutter, strobe: _Strobe = lambda *_: None) -> None:
         super().__init__(clock, shutter, strobe)
         self._lock = threading.Lock()  # a controller triggers while a program reads
         self._starts_s: list[float] = []
-        self._forgotten = 0  # exposures before the first of them
+        self._dropped = 0  # number of earlier starts that are no longer kept
 
     def trigger(self) -> bool:
         """Give a pulse on the trigger line now; return whether it starts an exposure."""
@@ -137,21 +137,21 @@ class Triggered(Exposures):
             self._starts_s.append(now_s)
             if len(self._starts_s) == 2 * KEPT_STARTS:
                 del self._starts_s[:KEPT_STARTS]
-                self._forgotten += KEPT_STARTS
+                self._dropped += KEPT_STARTS
         self._clock.call_at(now_s, lambda: self._expose(now_s))
         return True
 
     def start_s(self, number: int) -> float:
         """Start of an exposure."""
         with self._lock:
-            if number < self._forgotten:
+            if number < self._dropped:
                 raise ValueError(f"exposure {number} is older than the kept {len(self._starts_s)}")
-            return self._starts_s[number - self._forgotten]
+            return self._starts_s[number - self._dropped]
 
     def started(self, by_s: float) -> int:
         """Number of exposures that start until `by_s`."""
         with self._lock:
-            return self._forgotten + bisect_right(self._starts_s, by_s + _ROUNDING_S)
+            return self._dropped + bisect_right(self._starts_s, by_s + _ROUNDING_S)
 
     def await_start(self, number: int, deadline_s: float) -> bool:
         """Whether an exposure is triggered by the deadline."""
@@ -161,7 +161,7 @@ class Triggered(Exposures):
 
     def _known(self) -> int:
         with self._lock:
-            return self._forgotten + len(self._starts_s)
+            return self._dropped + len(self._starts_s)
 
 
 # Separates the random numbers of time stamps from those of pixels.
@@ -172,10 +172,10 @@ _JITTER_STREAM = 1
 class _ReportedTiming:
     """The timing that a simulated camera reports of its exposures."""
 
-    # of a sequence number and the true start
+    # reported start, for a sequence number and the true start
     start_s: Callable[[int, float], float] = lambda _sequence, start_s: start_s
     readout_s: float | None = None
-    start_uncertainty_s: float = 0.0  # how much later an exposure may start
+    start_uncertainty_s: float = 0.0  # how much later than reported an exposure may start
 
 
 def reported_timing(
@@ -201,6 +201,7 @@ def reported_timing(
     return _ReportedTiming(
         start_s=reported_start_s,
         readout_s=None if readout_ms is None else readout_ms / 1e3,
+        # A stamp at the true start is reported this much earlier.
         start_uncertainty_s=max(0.0, -reported_start_s(0, 0.0))
         if lag_ms is None
         else camera.start_uncertainty_s,
@@ -209,9 +210,9 @@ def reported_timing(
 
 # Buffers of the driver, as many as `V4l2Camera` claims.
 _BUFFERS = 4
-# Pause after an exposure, before the pixels are computed: a controller that switches then needs the
-# processor.
-_SWITCH_S = 0.001
+# Pause after an exposure, before the pixels are computed: the controller may switch its LEDs then
+# and needs the processor.
+_SWITCH_PAUSE_S = 0.001
 _MIN_EXPOSURE_MS = 0.02  # of common industrial cameras
 
 
@@ -310,7 +311,7 @@ class SimulatedCamera:
             self._clock.sleep_s(now_s + timeout_s - self._clock.now_s())
             raise CameraError(f"no frame from the camera in {timeout_s:g} s")
         # The pixels are computed during the transfer; on the real clock the frame would be late.
-        self._clock.sleep_s(ready_s - TRANSFER_S + _SWITCH_S - self._clock.now_s())
+        self._clock.sleep_s(ready_s - TRANSFER_S + _SWITCH_PAUSE_S - self._clock.now_s())
         self._fill_buffers(ready_s)
         frame = self._develop(*self._queue.popleft())
         self._clock.sleep_s(ready_s - self._clock.now_s())
@@ -344,23 +345,23 @@ class SimulatedCamera:
     def _develop(self, sequence: int, scene: LitScene) -> Frame:
         exposure_s = self.exposures.shutter.exposure_s
         true_start_s = self.exposures.start_s(sequence)
-        light_ms = scene.ambient * np.float32(1e3 * exposure_s)
+        total_light_ms = scene.ambient * np.float32(1e3 * exposure_s)
         for led, image in enumerate(scene.lights):
-            lit_ms = self._lit_ms(led, true_start_s, len(image))
-            if lit_ms is not None:
-                light_ms += image * lit_ms
+            led_output_ms = self._led_output_ms(led, true_start_s, len(image))
+            if led_output_ms is not None:
+                total_light_ms += image * led_output_ms
         rng = np.random.default_rng((self._seed, sequence))
         start_s = self._reported.start_s(sequence, true_start_s)
         return Frame(
-            pixels=self.sensor.expose(light_ms, rng),
+            pixels=self.sensor.expose(total_light_ms, rng),
             bit_depth=self.sensor.bit_depth,
             exposure_start_s=start_s,
             exposure_end_s=start_s + exposure_s,
             sequence=sequence,
         )
 
-    def _lit_ms(self, led: int, start_s: float, rows: int) -> np.float32 | FloatMap | None:
-        """Output of an LED over the exposure of each row (rows, 1), or of all; None if zero."""
+    def _led_output_ms(self, led: int, start_s: float, rows: int) -> np.float32 | FloatMap | None:
+        """Integrate an LED's output over the exposure: (rows, 1), or one value; None if zero."""
         shutter = self.exposures.shutter
         all_rows_s = self._board.output_integral_s(led, start_s, start_s + shutter.all_rows_s)
         if all_rows_s <= 0.0:
