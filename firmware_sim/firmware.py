@@ -15,7 +15,7 @@ PROTOCOL_VERSION = 2
 
 MAX_LINE_BYTES = 64  # without its terminator
 MAX_SEQUENCE = 65535
-_QUEUE_DEPTH = 8
+_ERROR_QUEUE_DEPTH = 8
 STROBE_BUFFER_EDGES = 16  # capacity of a board between two passes of the main loop
 WATCHDOG_DEFAULT_MS = 5000
 WATCHDOG_MIN_MS = 100
@@ -28,28 +28,28 @@ _AT_ONCE = -1  # no wait for the part sensor
 MESSAGES: dict[int, str] = {}
 
 
-def _message(code: int, message: str) -> int:
-    MESSAGES[code] = message
+def _define_error(code: int, text: str) -> int:
+    MESSAGES[code] = text
     return code
 
 
-_NO_ERROR = _message(0, "No error")
-_WATCHDOG_TRIPPED = _message(100, "Watchdog: LEDs off")
-_ON_TIME_EXCEEDED = _message(110, "On-time limit: LEDs off")
-_LED_RESTS = _message(111, "LED must rest")
-_SEQUENCE_RUNS = _message(120, "Sequence is running")
-_STROBE_MISSING = _message(121, "Strobe missing: LEDs off")
-_SEQUENCE_ABORTED = _message(122, "Sequence aborted")
+_NO_ERROR = _define_error(0, "No error")
+_WATCHDOG_TRIPPED = _define_error(100, "Watchdog: LEDs off")
+_ON_TIME_EXCEEDED = _define_error(110, "On-time limit: LEDs off")
+_LED_RESTS = _define_error(111, "LED must rest")
+_SEQUENCE_RUNS = _define_error(120, "Sequence is running")
+_STROBE_MISSING = _define_error(121, "Strobe missing: LEDs off")
+_SEQUENCE_ABORTED = _define_error(122, "Sequence aborted")
 # Negative numbers and their texts are those of SCPI.
-_INVALID_CHARACTER = _message(-101, "Invalid character")
-_SYNTAX_ERROR = _message(-102, "Syntax error")
-_PARAMETER_NOT_ALLOWED = _message(-108, "Parameter not allowed")
-_MISSING_PARAMETER = _message(-109, "Missing parameter")
-_UNDEFINED_HEADER = _message(-113, "Undefined header")
-_OUT_OF_RANGE = _message(-222, "Data out of range")
-_QUEUE_OVERFLOW = _message(-350, "Queue overflow")
-_CRC_MISMATCH = _message(-360, "Communication error")
-_LINE_TOO_LONG = _message(-363, "Input buffer overrun")
+_INVALID_CHARACTER = _define_error(-101, "Invalid character")
+_SYNTAX_ERROR = _define_error(-102, "Syntax error")
+_PARAMETER_NOT_ALLOWED = _define_error(-108, "Parameter not allowed")
+_MISSING_PARAMETER = _define_error(-109, "Missing parameter")
+_UNDEFINED_HEADER = _define_error(-113, "Undefined header")
+_OUT_OF_RANGE = _define_error(-222, "Data out of range")
+_QUEUE_OVERFLOW = _define_error(-350, "Queue overflow")
+_CRC_MISMATCH = _define_error(-360, "Communication error")
+_LINE_TOO_LONG = _define_error(-363, "Input buffer overrun")
 
 
 class _CommandError(Exception):
@@ -66,12 +66,12 @@ def crc8(data: bytes) -> int:
     return crc
 
 
-class _Lamps:
+class _Leds:
     """The LEDs: at most one is lit. A token bucket limits on-time and duty cycle of each."""
 
     def __init__(self, board: "Board") -> None:
         self._board = board
-        self._counted_us = [board.micros()] * board.led_count
+        self._updated_us = [board.micros()] * board.led_count  # of the budgets
         self._budgets = [self._full(led) for led in range(board.led_count)]  # in ms x percent
         self.levels_percent = [100] * board.led_count
         self.selected = DARK
@@ -84,7 +84,7 @@ class _Lamps:
         if led != DARK:
             drain_percent = 100 - self._board.max_duty_percent(led)
             lasts_ms = self._budget(led) // drain_percent
-            self.exhausted_us = self._counted_us[led] + 1000 * lasts_ms
+            self.exhausted_us = self._updated_us[led] + 1000 * lasts_ms
         self.selected = led
         changed_us = 0
         for other in range(self._board.led_count):
@@ -97,8 +97,8 @@ class _Lamps:
         return led in (DARK, self.selected) or 2 * self._budget(led) >= self._full(led)
 
     def _budget(self, led: int) -> int:
-        passed_ms = (self._board.micros() - self._counted_us[led]) // 1000
-        self._counted_us[led] += 1000 * passed_ms
+        passed_ms = (self._board.micros() - self._updated_us[led]) // 1000
+        self._updated_us[led] += 1000 * passed_ms
         duty_percent = self._board.max_duty_percent(led)
         gain_percent = duty_percent - 100 if led == self.selected else duty_percent
         left = self._budgets[led] + passed_ms * gain_percent
@@ -129,7 +129,7 @@ class Sequence:
     def __init__(
         self,
         board: "Board",
-        lamps: _Lamps,
+        leds: _Leds,
         triggers: bool,
         delay_us: int,
         settle_us: int,
@@ -137,10 +137,10 @@ class Sequence:
         *order: int,
     ) -> None:
         self._board = board
-        self._lamps = lamps
+        self._leds = leds
         self._triggers = triggers
         self._settle_us = settle_us
-        self._wait_us = wait_us  # longest wait for an edge; with triggers, least time between two
+        self._wait_us = wait_us  # time-out of SEQ:ARM, or interval of SEQ:TRIG
         self.order = order
         self.steps: list[Step] = []
         self.code = _NO_ERROR  # the error that ended it early
@@ -183,7 +183,7 @@ class Sequence:
         """Put the LEDs out and end with an error code or `_NO_ERROR`; return the `micros`."""
         self.running = False
         self.code = code
-        self.ended_us = self._lamps.light(DARK)
+        self.ended_us = self._leds.light(DARK)
         return self.ended_us
 
     def _record(self, at_us: int, exposing: bool) -> None:
@@ -202,7 +202,7 @@ class Sequence:
         if len(self.steps) == len(self.order):
             return self.end(_NO_ERROR)
         led = self.order[len(self.steps)]
-        self.steps.append(Step(led, self._lamps.light(led)))
+        self.steps.append(Step(led, self._leds.light(led)))
         if len(self.steps) == 1:
             self._edge_us = self.steps[0].changed_us
         return self.steps[-1].changed_us
@@ -214,7 +214,7 @@ class Firmware:
     def __init__(self, board: "Board") -> None:
         self._board = board
         self._line = b""
-        self._lamps = _Lamps(board)
+        self._leds = _Leds(board)
         self._errors: list[int] = []
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         self._fed_us = board.micros()
@@ -256,10 +256,10 @@ class Firmware:
         data = self._board.read()
         if data:
             self._receive(data)
-        if self._lamps.selected == DARK and not self.sequence.running:
+        if self._leds.selected == DARK and not self.sequence.running:
             return
         now_us = self._board.micros()
-        if self._lamps.selected != DARK and now_us >= self._lamps.exhausted_us:
+        if self._leds.selected != DARK and now_us >= self._leds.exhausted_us:
             self._darken(_ON_TIME_EXCEEDED)
         elif now_us - self._fed_us >= 1000 * self._watchdog_ms:
             self._darken(_WATCHDOG_TRIPPED)
@@ -304,18 +304,18 @@ class Firmware:
         """Execute a message; the reply starts with its sequence id, if it has one."""
         message = message.strip(b" ")
         if not message.startswith(b"#"):
-            return self._run(message)
+            return self._ok_or_error(message)
         blank = message.find(b" ")
         if blank < 0:
             blank = len(message)
-        sequence = message[1:blank]
-        if not sequence.isdigit():
+        sequence_id = message[1:blank]
+        if not sequence_id.isdigit():
             return self._error(_SYNTAX_ERROR)
-        if int(sequence.decode()) > MAX_SEQUENCE:
+        if int(sequence_id.decode()) > MAX_SEQUENCE:
             return self._error(_OUT_OF_RANGE)
-        return "#" + sequence.decode() + " " + self._run(message[blank:].strip(b" "))
+        return "#" + sequence_id.decode() + " " + self._ok_or_error(message[blank:].strip(b" "))
 
-    def _run(self, command: bytes) -> str:
+    def _ok_or_error(self, command: bytes) -> str:
         try:
             fields = self._execute(command)
         except _CommandError as error:
@@ -343,7 +343,7 @@ class Firmware:
         return "ERR " + _describe(code)
 
     def _queue(self, code: int) -> None:
-        if len(self._errors) < _QUEUE_DEPTH:
+        if len(self._errors) < _ERROR_QUEUE_DEPTH:
             self._errors.append(code)
         else:
             self._errors[-1] = _QUEUE_OVERFLOW
@@ -356,10 +356,10 @@ class Firmware:
         return f"PS4RIG,{model},{board.serial_number},{FIRMWARE_VERSION},{PROTOCOL_VERSION}"
 
     def _reset(self) -> str:
-        self._lamps.levels_percent = [100] * self._board.led_count
+        self._leds.levels_percent = [100] * self._board.led_count
         self._errors = []
         # No steps: puts the LEDs out.
-        self.sequence = Sequence(self._board, self._lamps, False, _AT_ONCE, 0, 0)
+        self.sequence = Sequence(self._board, self._leds, False, _AT_ONCE, 0, 0)
         self._delay_us = _AT_ONCE  # of the next sequence
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         return ""
@@ -382,50 +382,50 @@ class Firmware:
 
     def _select(self, led: int) -> str:
         self._require_led(led)
-        self._require_free(led)
-        return f"{led},{self._lamps.light(led)}"
+        self._require_switchable(led)
+        return f"{led},{self._leds.light(led)}"
 
     def _off(self) -> str:
         if self.sequence.running:
             self.sequence.end(_SEQUENCE_ABORTED)
-        return f"{DARK},{self._lamps.light(DARK)}"
+        return f"{DARK},{self._leds.light(DARK)}"
 
     def _set_level(self, led: int, percent: int) -> str:
         self._require_led(led)
         _require(0 <= percent <= 100)
-        self._require_free(DARK)
-        self._lamps.levels_percent[led] = percent
-        if led == self._lamps.selected:
-            self._lamps.light(led)
+        self._require_switchable(DARK)
+        self._leds.levels_percent[led] = percent
+        if led == self._leds.selected:
+            self._leds.light(led)
         return self._level(led)
 
     def _level(self, led: int) -> str:
         self._require_led(led)
-        return f"{led},{self._lamps.levels_percent[led]}"
+        return f"{led},{self._leds.levels_percent[led]}"
 
     def _limits(self, led: int) -> str:
         self._require_led(led)
         return _fields([led, self._board.max_on_ms(led), self._board.max_duty_percent(led)])
 
     def _state(self) -> str:
-        levels = _fields(self._lamps.levels_percent)
-        return f"{self._lamps.selected},{levels},{self._board.micros()}"
+        levels = _fields(self._leds.levels_percent)
+        return f"{self._leds.selected},{levels},{self._board.micros()}"
 
     def _start(self, triggers: bool, settle_us: int, wait_us: int, *order: int) -> str:
         _require(0 <= settle_us < wait_us <= MAX_STEP_US)
         for led in order:
             if led != DARK:
                 self._require_led(led)
-            self._require_free(led)
+            self._require_switchable(led)
         delay_us, self._delay_us = self._delay_us, _AT_ONCE
         self.sequence = Sequence(
-            self._board, self._lamps, triggers, delay_us, settle_us, wait_us, *order
+            self._board, self._leds, triggers, delay_us, settle_us, wait_us, *order
         )
         return str(self.sequence.started_us)
 
     def _wait_for_part(self, delay_us: int) -> str:
         _require(0 <= delay_us <= MAX_STEP_US)
-        self._require_free(DARK)
+        self._require_switchable(DARK)
         self._delay_us = delay_us
         return str(delay_us)
 
@@ -433,11 +433,13 @@ class Firmware:
         return _fields([self._parts, self._part_us, self._board.micros()])
 
     def _progress(self) -> str:
-        run = self.sequence
+        sequence = self.sequence
         now_us = self._board.micros()
-        passed_us = (now_us if run.running else run.ended_us) - run.started_us
-        counts = _fields([int(run.running), len(run.steps), len(run.order), run.code])
-        return f"{counts},{run.started_us},{passed_us},{now_us}"
+        passed_us = (now_us if sequence.running else sequence.ended_us) - sequence.started_us
+        counts = _fields(
+            [int(sequence.running), len(sequence.steps), len(sequence.order), sequence.code]
+        )
+        return f"{counts},{sequence.started_us},{passed_us},{now_us}"
 
     def _step(self, index: int) -> str:
         _require(0 <= index < len(self.sequence.steps))
@@ -449,16 +451,16 @@ class Firmware:
     def _require_led(self, led: int) -> None:
         _require(0 <= led < self._board.led_count)
 
-    def _require_free(self, led: int) -> None:
+    def _require_switchable(self, led: int) -> None:
         if self.sequence.running:
             raise _CommandError(_SEQUENCE_RUNS)
-        if not self._lamps.has_rested(led):
+        if not self._leds.has_rested(led):
             raise _CommandError(_LED_RESTS)
 
     def _darken(self, code: int) -> None:
         if self.sequence.running:
             self.sequence.end(code)
-        self._lamps.light(DARK)
+        self._leds.light(DARK)
         self._queue(code)
 
 
