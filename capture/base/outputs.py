@@ -51,8 +51,9 @@ def is_input(path: Path, inputs: Iterable[Path]) -> bool:
 
 
 def csv_line(cells: Iterable[Any]) -> str:
-    """Return a line of CSV (RFC 4180), where formulas of people and programs begin with an
-    apostrophe (OWASP, "CSV Injection").
+    """Return a line of CSV (RFC 4180).
+
+    Cells that a spreadsheet would read as a formula get an apostrophe (OWASP, "CSV Injection").
     """
     line = io.StringIO()
     csv.writer(line).writerow(map(_no_formula, cells))

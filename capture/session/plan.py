@@ -41,7 +41,7 @@ def _words(command: str) -> list[str]:
     """Split a command as a shell does, but with the backslashes of Windows paths."""
     split = shlex.shlex(command, posix=True, punctuation_chars=False)
     split.whitespace_split, split.commenters = True, ""
-    # A path with a drive, such as C:\, is a Windows path also where the plan is checked elsewhere.
+    # A drive such as C:\ marks a Windows path, even if the plan is checked on another system.
     if os.name == "nt" or re.match(r"\W?[A-Za-z]:\\", command):
         split.escape = ""
     return list(split)
@@ -92,9 +92,9 @@ class SessionPlan(Section):
         min_length=1,
         max_length=3600,
         strict=False,
-        description="of each specimen, anticlockwise from its first placement",
+        description="of each specimen, anticlockwise from how it was first placed",
     )
-    repeats: int = Field(default=1, ge=1, le=999, description="sets of each placement")
+    repeats: int = Field(default=1, ge=1, le=999, description="sets at each orientation")
     average: int = Field(
         default=1, ge=1, le=MAX_AVERAGE, description="frames that each image averages"
     )
@@ -110,7 +110,8 @@ class SessionPlan(Section):
     )
     turntable: str | None = Field(
         default=None,
-        description="program run before each placement, without a shell; {angle} is the degrees",
+        description="program run before each orientation of a specimen, without a shell; "
+        "{angle} is the degrees",
     )
     turntable_timeout_s: float = Field(
         default=60.0, gt=0.0, le=3600.0, description="after which the program is given up"
@@ -209,13 +210,13 @@ _EXAMPLE = """\
 name = "NAME"                # the folder of the session, beside this file
 # operator = "Your name"
 
-# Orientations of each specimen in degrees, anticlockwise from its first placement.
+# Orientations of each specimen in degrees, anticlockwise from how it was first placed.
 orientations_deg = [0, 30, 60, 90, 120, 150]
-repeats = 1                  # sets of each placement
+repeats = 1                  # sets at each orientation
 average = 1                  # frames that each image averages
 # exposure_ms = 20           # for all sets; "search" finds one for each specimen
 # calibration_required = true
-# turntable = "turn-to {angle}"   # a program that turns the specimen; it runs without a shell
+# turntable = "turn-to {angle}"   # a program that rotates the specimen; it runs without a shell
 # turntable_timeout_s = 60
 
 # One block for each specimen. The id becomes part of the names of files.

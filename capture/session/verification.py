@@ -52,7 +52,7 @@ class FileFinding:
 
 
 def files_below(folder: Path, *names: str) -> list[Path]:
-    """Return all sets, libraries, calibrations and journals in use below a folder, sorted."""
+    """Return sets, models, libraries, calibrations, journals and files of `names`, sorted."""
     if not folder.is_dir():
         wrong = "is a file; give its folder" if folder.exists() else "no such folder"
         raise InputError(f"{folder}: {wrong}")
@@ -72,7 +72,7 @@ def files_below(folder: Path, *names: str) -> list[Path]:
 
 
 def verify_file(path: Path) -> Iterator[FileFinding]:
-    """Read a file and check its hashes; of a journal, check the files of its sets."""
+    """Read a file and check its hashes; for a journal, check the set files that it names."""
     try:
         if path.name == JOURNAL:
             yield from _session(path.parent)
@@ -107,7 +107,7 @@ def _session(folder: Path) -> Iterator[FileFinding]:
         try:
             metadata, _ = read_header(path)
         except InputError:
-            continue  # the file itself is a finding too
+            continue  # `verify_file` of the set reports it
         if metadata.pixels_sha256 != entry.pixels_sha256:
             yield FileFinding(path, "altered", "its pixels are not those that the journal names")
     for path in sorted((folder / SETS).glob(f"*{SET_SUFFIX}")):

@@ -47,18 +47,18 @@ def scale(
         typer.Option(
             min=1,
             max=12,
-            help="Pictures of the board that a rig captures. Three with different tilts, and one "
-            "that lies flat, show the focal length too.",
+            help="Placements of the board, one picture each. Four, three with different tilts and "
+            "one flat, show the focal length too.",
         ),
     ] = 1,
     replace: flow.Replace = False,
     yes: flow.Yes = False,
     json: options.Json = False,
 ) -> None:
-    """Measure the length of a pixel, and the distortion of the lens, by a checkerboard.
+    """Measure the scale in mm per pixel, and the distortion of the lens, by a checkerboard.
 
-    The board lies flat where the part will be. Distortion is kept where it moves a pixel by more
-    than half a pixel; images are then corrected for it.
+    Lay the board flat where the part will be. Distortion is stored only if it moves some pixel by
+    more than half a pixel; images are then corrected for it.
     """
     from capture.procedures.target_parts import scale_part
 
@@ -69,11 +69,11 @@ def scale(
     if rig is None and placements > 1:
         raise InputError("--placements is for a rig; give each picture of the board to --from")
     if rig is None:
-        pictures, setting, source = _boards_in_files(sources or ())
+        pictures, setting, source = _pictures_in_files(sources or ())
     else:
-        pictures, setting, source = _boards_at_rig(rig, square_mm, placements, yes)
-    part = scale_part(pictures, corners, square_mm, setting, source)
-    flow.keep_parts(calibration, file, [part], replace=replace, json=json)
+        pictures, setting, source = _pictures_at_rig(rig, square_mm, placements, yes)
+    measured_part = scale_part(pictures, corners, square_mm, setting, source)
+    flow.keep_parts(calibration, file, [measured_part], replace=replace, json=json)
 
 
 def _corners(text: str) -> tuple[int, int]:
@@ -83,7 +83,7 @@ def _corners(text: str) -> tuple[int, int]:
     return int(numbers[1]), int(numbers[2])
 
 
-def _boards_at_rig(
+def _pictures_at_rig(
     rig: str, square_mm: float, placements: int, yes: bool
 ) -> tuple[list[Array], Setting, list[str]]:
     from capture.calibration.setting import Setting
@@ -103,7 +103,7 @@ def _boards_at_rig(
         return pictures, Setting.of_rig(opened), ["captured"]
 
 
-def _boards_in_files(sources: Sequence[Path]) -> tuple[list[Array], Setting, list[str]]:
+def _pictures_in_files(sources: Sequence[Path]) -> tuple[list[Array], Setting, list[str]]:
     from capture.calibration.setting import Setting
     from capture.procedures.target_parts import board_of_set
     from capture.sets.captured_set import CapturedSet
@@ -121,5 +121,5 @@ def _boards_in_files(sources: Sequence[Path]) -> tuple[list[Array], Setting, lis
     sizes = {captured.images.shape[1:] for captured in captured_sets}
     if len(sizes) > 1:
         raise InputError("the sets of --from differ in size; give sets of one camera")
-    boards = [board_of_set(captured) for captured in captured_sets]
-    return boards, captured_sets[0].setting, source
+    pictures = [board_of_set(captured) for captured in captured_sets]
+    return pictures, captured_sets[0].setting, source

@@ -20,7 +20,7 @@ class Change(StrEnum):
     TESTED = "self-test passed"
     TRIGGERED = "trigger accepted"
     FREE = "exposure complete and a buffer free"
-    RECIPE = "another recipe is wanted, and no part is exposed"
+    RECIPE = "another recipe is requested, and no part is exposed"
     FAILED = "rig, disk, database or self-test failed"
     STOPPED = "stopped"
 
