@@ -200,7 +200,7 @@ def test_exposure_time_and_date_are_read(name: str, content: bytes, tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("values", "exposure_ms", "taken"),
+    ("values", "exposure_ms", "capture_date"),
     [
         ({}, None, None),
         ({"ExposureTime": (1, 0)}, None, None),
@@ -217,10 +217,10 @@ def test_exposure_time_and_date_are_read(name: str, content: bytes, tmp_path: Pa
     ],
 )
 def test_unknown_exposure_times_and_dates_are_none(
-    values: dict[str, Any], exposure_ms: float | None, taken: str | None
+    values: dict[str, Any], exposure_ms: float | None, capture_date: str | None
 ) -> None:
     metadata = metadata_of_info({"exif": b"Exif\0\0" + private_exif(**values)})
-    assert metadata == ImageMetadata(exposure_ms=exposure_ms, taken=taken)
+    assert metadata == ImageMetadata(exposure_ms=exposure_ms, capture_date=capture_date)
 
 
 @pytest.fixture(scope="module")
