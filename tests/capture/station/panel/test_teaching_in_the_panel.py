@@ -86,7 +86,7 @@ def test_two_textures_are_taught_challenged_and_approved_by_the_keyboard_alone(
     page.until(f"{LOADED} && document.body.innerText.includes('part-000009.ome.tif')")
     page.tab_to("form[action='/recipes/example/challenge'] p button")
     page.press("Enter")
-    assert "3 of 3 parts got the verdict" in until_the_job_ends(page)
+    assert "3 of 3 parts got the expected verdict" in until_the_job_ends(page)
     page.go(f"{line.url}recipes/example")
     page.tab_to("form[action='/recipes/example/approve'] button")
     page.press("Enter")
