@@ -73,9 +73,8 @@ class TaughtFiles:
     library = _In("textures.ps4lib")  # the texture library
     taught = _In("taught.json")  # the measurements of teaching
     report = _In("teaching.html")  # the report of teaching, a page for people
-    measured = _In(
-        "measured.toml"
-    )  # the recipe with the measured limits, also where people set other ones
+    # The recipe with the measured limits, also where people set other ones.
+    measured = _In("measured.toml")
 
     def defects(self, number: int) -> Path:
         """Return the defect model of the nth texture that passes, from 1."""

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-MOST_SHARES = 10
+MAX_SHARES = 10
 """Number of bars that have room for the share that passed above them."""
 # Names of periods and numbers of parts that fit side by side below a chart.
-_MOST_NAMES = 6
+_MAX_NAMES = 6
 _HEIGHT_IN, _ROW_IN, _HEADING_IN = 2.6, 0.2, 0.42
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.75, 0.15, 0.28, 0.45
 # For the longest name of a cause or a measure, and for a count with its share.
@@ -87,7 +87,7 @@ def _draw_yield(axes: Axes, periods: Sequence[Period]) -> None:
         parts = [period.verdicts.get(decision, 0) for period in periods]
         axes.bar(range(count), parts, width, below, color=colour, label=str(decision))
         below = [period + more for period, more in zip(below, parts, strict=True)]
-    if count <= MOST_SHARES:
+    if count <= MAX_SHARES:
         for place, period in enumerate(periods):
             share = f"{period.verdicts.get(Decision.PASS, 0) / period.parts:.0%}"
             axes.text(place, period.parts, share, ha="center", va="bottom", fontsize=LETTERS_PT)
@@ -101,7 +101,7 @@ def _draw_yield(axes: Axes, periods: Sequence[Period]) -> None:
 
 def _name_below(axes: Axes, names: Sequence[str]) -> None:
     """Name places 0, 1, 2 ... as far as there is room."""
-    shown = range(0, len(names), -(-len(names) // _MOST_NAMES))
+    shown = range(0, len(names), -(-len(names) // _MAX_NAMES))
     axes.set_xticks(shown, [names[place] for place in shown])
 
 

@@ -23,7 +23,7 @@ from capture.station.run.control_chart import ChartHistory, chart_histories
 from classify.base.errors import InputError
 from rig.config.lights import led_names
 
-from .charts import MOST_SHARES, Chart, causes_chart, control_chart, gauge_chart, yield_chart
+from .charts import MAX_SHARES, Chart, causes_chart, control_chart, gauge_chart, yield_chart
 from .panel import Panel
 
 _Cell = str | int | float | None
@@ -120,7 +120,7 @@ def _yield_figure(periods: Sequence[Period]) -> Iterator[Figure]:
         "yield",
         "Yield",
         f"Verdicts that hold, after overrides, on the station's clock ({local_zone()})."
-        f"{' Above a bar: the share that passed.' if len(periods) <= MOST_SHARES else ''}",
+        f"{' Above a bar: the share that passed.' if len(periods) <= MAX_SHARES else ''}",
         ("period", "parts", *Decision, "passed"),
         rows,
         yield_chart(periods),
