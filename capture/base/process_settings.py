@@ -28,8 +28,12 @@ def settle_process() -> None:
         thread_count()
     else:
         os.environ.pop("NUMBA_NUM_THREADS", None)
+    # Threads of BLAS wait for one another in busy loops: beside other threads a product of a few
+    # vectors takes ten times as long as in one.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.setswitchinterval(_SWITCH_S)
+    # By default glibc returns the memory of each frame to the system, and new pages cost more time
+    # than most operations on them.
     for variable, option, size in (
         ("MALLOC_TRIM_THRESHOLD_", _M_TRIM_THRESHOLD, _TRIM_BYTES),
         ("MALLOC_MMAP_THRESHOLD_", _M_MMAP_THRESHOLD, _MMAP_BYTES),
@@ -53,6 +57,7 @@ def settle_station() -> None:
     import cv2
 
     gc.freeze()
+    # Threads of OpenCV wait in busy loops too, and take the processor from those that judge.
     cv2.setNumThreads(1)
     bind_workers()
 
