@@ -106,7 +106,7 @@ def test_pixels_and_stamps_arrive_as_they_were_written(name: str, tmp_path: Path
 
 @pytest.mark.parametrize("name", ["Y10", "Y12"])
 def test_a_format_that_the_driver_does_not_have_is_named(name: str) -> None:
-    with pytest.raises(CameraError, match=rf"for {name} 64x64 .* instead of 128; .*Y16"):
+    with pytest.raises(CameraError, match=rf"{name} 64x64 .* not 128; .*Y16"):
         opened_output(PIXEL_FORMATS[name].fourcc, 64, 128)
 
 
