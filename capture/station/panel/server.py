@@ -5,7 +5,7 @@ import socket
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Any, ClassVar
+from typing import Any
 
 import h11
 import uvicorn
@@ -37,33 +37,33 @@ class _Protocol(H11Protocol):
 
     _request: asyncio.TimerHandle | None = None
     _drain: asyncio.TimerHandle | None = None
-    _refused: ClassVar[set[H11Protocol]] = set()
+    _is_refused = False
 
     def connection_made(self, transport: Any) -> None:
         super().connection_made(transport)
-        if len(self.connections) > MAX_CONNECTIONS or self._is_one_too_many():
-            self._refuse()
+        peers = [peer for peer in self.connections if isinstance(peer, _Protocol)]
+        served = [peer for peer in peers if not peer._is_refused]
+        if len(served) > MAX_CONNECTIONS or self._is_one_too_many(served):
+            self._refuse(len(peers) - len(served))
             return
         self._expect_request()
 
-    def _refuse(self) -> None:
-        """Close the connection, which counts no more, after a pause."""
-        self.connections.discard(self)
-        if len(self._refused) >= _MAX_REFUSED:
+    def _refuse(self, refused_before: int) -> None:
+        """Close the connection after a pause, in which nothing of it is read."""
+        if refused_before >= _MAX_REFUSED:
             self.transport.abort()
             return
-        self._refused.add(self)
+        self._is_refused = True
         self.transport.pause_reading()
         self._request = self.loop.call_later(REFUSED_S, self.transport.abort)
 
-    def _is_one_too_many(self) -> bool:
+    def _is_one_too_many(self, served: list["_Protocol"]) -> bool:
         """Whether the address of this connection has too many."""
         if self.config.proxy_headers or self.client is None:
             return False
-        host = self.client[0]
-        peers = [peer.client for peer in self.connections if isinstance(peer, _Protocol)]
+        clients = [peer.client for peer in served]
         return (
-            sum(peer is not None and peer[0] == host for peer in peers)
+            sum(client is not None and client[0] == self.client[0] for client in clients)
             > MAX_CONNECTIONS_OF_AN_ADDRESS
         )
 
@@ -71,7 +71,6 @@ class _Protocol(H11Protocol):
         for timer in (self._request, self._drain):
             if timer is not None:
                 timer.cancel()
-        self._refused.discard(self)
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
