@@ -4,6 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
+import numpy as np
+import numpy.typing as npt
 import pytest
 
 from capture import CapturedSet, capture_set
@@ -149,6 +151,25 @@ def test_a_fault_that_nobody_configured_does_not_pass(
     wide = limits.model_copy(update={"defect": 1e6, "unjudged_px": 10**6})
     recipe = read_recipe(files.file).model_copy(update={"limits_of": {"rock": wide}})
     assert cause in verdict_of(recipe, of_texture).causes
+
+
+@pytest.mark.parametrize(("gamma", "depth"), [(0.9, 1.0), (1.1, 1.0), (1.2, 1.2), (1.3, 1.2)])
+def test_a_gamma_that_changed_and_is_not_reported_does_not_pass(
+    files: RecipeFolder, gamma: float, depth: float
+) -> None:
+    """A gamma above 1 makes relief flatter, which hides a relief that is deeper."""
+    part = patch("rock", 20)
+    full_scale = part.metadata.full_scale
+
+    def coded(values: npt.NDArray[np.uint16]) -> npt.NDArray[np.uint16]:
+        return np.rint(full_scale * (values / full_scale) ** (1 / gamma)).astype(np.uint16)
+
+    deeper = next(fault for fault in FAULTS if fault.name == "deeper relief")
+    if depth != 1.0:
+        part = cast(CapturedSet, with_fault(part, deeper, depth, Place(10.0, -20.0, 30.0)))
+    inspector = Inspector.load(files)
+    seen = replace(part, images=coded(part.images), ambient=coded(part.ambient))
+    assert inspector.inspect(seen).verdict.decision is not Decision.PASS
 
 
 @pytest.mark.parametrize(("moved_px", "lights"), [(3.0, {3}), (3.0, {1, 2}), (40.0, {2})])
