@@ -17,6 +17,7 @@ from capture.maps.pictures import TILE_PX, tile_uri
 from capture.sets.captured_set import CapturedSet
 from classify import (
     Evaluation,
+    Match,
     Spectra,
     SurfaceEstimate,
     TextureLibrary,
@@ -66,6 +67,7 @@ def _write_report(
         angle_note=_ANGLE_NOTE,
         columns=_COLUMNS,
         rows=[(entry.trial.is_correct, _cells_of(entry.trial)) for entry in entries],
+        is_clear=_is_clear,
         entries=[(entry, _tiles(entry), _polar_plots(entry)) for entry in entries],
     )
     with durable_file(path) as temporary:
@@ -75,16 +77,20 @@ def _write_report(
 def _cells_of(trial: Trial) -> tuple[str, ...]:
     """Texts of a row of the table, one for each of `_COLUMNS`."""
     match = trial.match
-    is_clear = match.sharpness is not None and match.sharpness >= MIN_SHARPNESS
     return (
         trial.label,
         match.label or "unknown",
         f"{trial.orientation_deg or 0.0:.1f}",
-        f"{match.orientation_deg:.1f}{'' if is_clear else ' ?'}",
+        f"{match.orientation_deg:.1f}{'' if _is_clear(match) else ' ?'}",
         f"{match.distance:.4f}",
         match.runner_up or "-",
         "-" if match.margin is None else f"{match.margin:.2f}",
     )
+
+
+def _is_clear(match: Match) -> bool:
+    """Whether the texture has a direction that the angle can rely on."""
+    return match.sharpness is not None and match.sharpness >= MIN_SHARPNESS
 
 
 def _tiles(entry: _ReportEntry) -> dict[str, str]:

@@ -44,6 +44,8 @@ def test_the_demo_captures_trains_classifies_and_reports(
     assert "imulated rig" in page
     assert len(re.findall(r'<tr class="(?:right|wrong)"', page)) == 24
     assert page.count('<tr class="right"') == right
+    marked = len(re.findall(r"<td>\d+\.\d \?</td>", page))
+    assert 4 <= marked == len(re.findall(r"</b> at \d+\.\d° \?\.", page))
     assert page.count('"data:image/') >= 24 * 8
     assert {path.name for path in output.iterdir()} == {"sets", "textures.ps4lib", "report.html"}
 
