@@ -1,4 +1,4 @@
-"""Four lights or more, without those that are inconsistent with the others."""
+"""Least squares of four lights or more, without lights that are inconsistent with the others."""
 
 import numpy as np
 
@@ -9,8 +9,8 @@ from classify.images import BEYOND_NOISE, ImageStack, chi_squared
 from classify.lights.algebra import least_squares_weights
 from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT, SHADOW_FRACTION
 
-from .linear import by_fours, invert, judge_row, least_determinant, solve_lights
-from .problem import Maps, Problem, slope_noise
+from .linear import invert, judge_row, least_determinant, padded_lights, solve_lights
+from .problem import Maps, Problem, noise_floor_factor
 from .robust import TOLERANCE
 from .strips import solve_strips
 
@@ -25,15 +25,15 @@ def solve_drbohlav(problem: Problem) -> Maps:
             f"method drbohlav compares at least 4 lights, this set has {count}; use least_squares"
         )
     weights = least_squares_weights(problem.lighting, "drbohlav")
-    least_bz, limits = slope_noise(weights), residual_limits(count)
-    fours = by_fours(problem)
+    least_bz, limits = noise_floor_factor(weights), residual_limits(count)
+    padded = padded_lights(problem)
     dropped, highlights = np.empty(problem.shape, np.uint8), np.empty(problem.shape, np.bool_)
     maps = problem.new_maps(left_out=dropped, highlights=highlights)
 
     def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
         part = maps.rows(first, last)
         _drop_inconsistent(
-            *stack.float_rows(first, last), *fours, problem.saturation,
+            *stack.float_rows(first, last), *padded, problem.saturation,
             problem.variance, problem.frames, least_bz, limits, weights,
             problem.dark_albedo, part.p, part.q, part.albedo, part.valid, part.dark_counts,
             part.left_out, part.highlights,
@@ -59,8 +59,8 @@ def _drop_inconsistent(
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
     dropped: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Solve rows without inconsistent lights; `noise` (3,) is a, b, black of a + b (value - black),
-    `ambient` one row or all.
+    """Solve rows without inconsistent lights; `noise` (3,) is a, b and black of the variance a + b
+    (value - black), `ambient` (1, W) or (H, W).
     """
     count = len(images)
     rows, columns = p.shape
@@ -78,12 +78,12 @@ def _drop_inconsistent(
         largest = np.zeros(columns, np.float32)
         for k in range(count):
             # `variance` is the mean over the lights of the variances of the values.
-            gain, share = gains[k], gains[k] * gains[k] / np.float32(count)
+            gain, mean_weight = gains[k], gains[k] * gains[k] / np.float32(count)
             x, y, z = weights[:, k]
             for c in range(columns):
                 raw = images[k, r, c]
                 brightest[c] = max(brightest[c], raw)
-                variance[c] += share * (a + b * max(raw - black, zero))
+                variance[c] += mean_weight * (a + b * max(raw - black, zero))
                 v = (raw - dark[c]) * gain
                 largest[c] = max(largest[c], v)
                 bx[c] += x * v
@@ -118,7 +118,9 @@ def _solve_consistent(
     images: Array, dark: np.float32, dark_variance: np.float32, lights: Array, gains: Array,
     directions: Array, saturation: np.float32, limits: Array, variance: np.float32, r: int, c: int,
 ) -> tuple[int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Leave out lights until the others agree; return the first, whether a highlight, and b."""
+    """Leave out lights until the others agree; return the first light left out, whether one was a
+    highlight, and b.
+    """
     # Dark lights go first, then the one whose absence leaves the smallest residuals; of four, see
     # `_one_of_four`. With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its
     # absence subtracts e^2 / (1 - h) from the sum of squared residuals and multiplies the
@@ -207,7 +209,7 @@ def _solve_consistent(
         used[chosen] = False
         remaining -= 1
         first = chosen if first == NO_DROPPED_LIGHT else first
-        # A highlight exceeds the fit and the light that may reach a shadow.
+        # A highlight is brighter than the fit, and than stray light in a shadow.
         highlight |= values[chosen] > max(values[chosen] - errors[chosen], LEAK * second_brightest)
     return first, highlight, bx, by, bz
 
@@ -215,22 +217,23 @@ def _solve_consistent(
 @kernel
 def _least_consistent(
     directions: Array, errors: Array, eligible: Array,
-    inverse: tuple[float, float, float, float, float, float], smallest_rest: float,
+    inverse: tuple[float, float, float, float, float, float], smallest_one_minus_h: float,
 ) -> int:  # fmt: skip
-    """The light without which residuals are smallest, -1 for none, by the half (L^T L)^-1 with
-    doubled off-diagonals; 1 - h is at least `smallest_rest`.
+    """The eligible light without which the residuals are smallest, -1 for none; `inverse` is the
+    upper triangle of (L^T L)^-1 with doubled off-diagonals. A light with a 1 - h of at most
+    `smallest_one_minus_h` is kept: without it the others determine no normal.
     """
     xx, xy, xz = np.float32(inverse[0]), np.float32(inverse[1]), np.float32(inverse[2])
     yy, yz, zz = np.float32(inverse[3]), np.float32(inverse[4]), np.float32(inverse[5])
     one, none = np.float32(1.0), np.float32(-1.0)
-    smallest = np.float32(smallest_rest)
+    smallest = np.float32(smallest_one_minus_h)
     reductions = np.empty(len(errors), np.float32)  # of the sum of squared residuals
     for k in range(len(errors)):
         x, y, z = directions[0, k], directions[1, k], directions[2, k]
         leverage = x * (xx * x + xy * y + xz * z) + y * (yy * y + yz * z) + zz * z * z
-        rest = one - leverage
-        reduction = errors[k] * errors[k] / rest
-        reductions[k] = reduction if eligible[k] & (rest > smallest) else none
+        one_minus_h = one - leverage
+        reduction = errors[k] * errors[k] / one_minus_h
+        reductions[k] = reduction if eligible[k] & (one_minus_h > smallest) else none
     chosen, largest = -1, none
     for k in range(len(errors)):
         if reductions[k] > largest:

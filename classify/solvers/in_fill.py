@@ -1,8 +1,8 @@
 """Second pass of `ps4_robust`: fill in the pixels with fewer than three lights.
 
 Two lights leave a line of scaled normals b0 + t d, one light or none leaves slope and albedo open.
-Slope and albedo are chosen so that they change as little from pixel to pixel as elsewhere on this
-surface, and that the gradient field is one of a surface: dp/dy = dq/dx.
+Slope and albedo are chosen to be as smooth as elsewhere on this surface, and to make the gradient
+field integrable: dp/dy = dq/dx.
 """
 
 from functools import lru_cache
@@ -20,16 +20,17 @@ from .unsolved import LOST, NO_LINE, NOT_REACHED, SATURATED, Unsolved, link
 
 _LIGHTS = np.uint8(15)  # the bits of `LOST` and `SATURATED` that are lights
 
-# Number of squares of four pixels from which the smoothness of the surface is estimated.
+# Number of blocks of 2 x 2 pixels from which the smoothness of the surface is estimated.
 _SAMPLES = 16_384
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 _FIRST, _SECOND = np.ascontiguousarray(np.transpose(_PAIRS))
-# By the bits of the lights that are dark: the pair of the two others, and the first dark one.
+# Tables by the bits of the dark lights: index of the pair of the two others, and the first dark
+# light.
 _PAIR_OF_DARK = np.full(16, NO_LINE)
 for _index, (_j, _k) in enumerate(_PAIRS):
     _PAIR_OF_DARK[_LIGHTS ^ (1 << _j | 1 << _k)] = _index
 _FIRST_DARK = np.array([3, *(int(b & -b).bit_length() - 1 for b in range(1, 16))], np.uint8)
-# The next and the last of the three axes, for cross products.
+# Indices of the two other axes of each axis, for cross products.
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
@@ -50,9 +51,9 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     _choose_lines(values, problem.dark_level, solutions, bits, pairs, lines)
     unsolved = Unsolved.of(pixels, lines, pairs, along)
     planes = maps.p, maps.q, maps.albedo
-    weights = neighbour_weights(*planes, unlit, _squares(problem.shape))
+    weights = neighbour_weights(*planes, unlit, _corners(problem.shape))
     albedo_weight, curl_weight = map(np.float32, weights)  # compiled functions return float
-    # A step takes 25 ns per pixel, and handing a part to a thread 25 us: shorter parts would cost
+    # A step takes 25 ns per pixel, and passing a part to a thread 25 us: shorter parts would cost
     # as much as they save.
     part = max(1, strip_px // 32)
     link(unsolved, unlit, curl_weight, *planes, part)
@@ -68,7 +69,7 @@ def _choose_lines(
 ) -> None:
     """Write the pair of lights of each pixel, and b0 of its line; add lights to `bits`."""
     for n in range(len(bits)):
-        # Two lights of a dark pixel are not used (see `dark`).
+        # A dark pixel has no usable light (see `problem._DARK`).
         if (values[0, n] + values[1, n]) + (values[2, n] + values[3, n]) < 4.0 * dark_level:
             bits[n] |= _LIGHTS
         pair = _PAIR_OF_DARK[bits[n] & _LIGHTS]
@@ -85,7 +86,7 @@ def _write(
     values: Array, depth: Array, pixels: Array, bits: Array,
     p: Array, q: Array, albedo: Array, valid: Array, repaired: Array, left_out: Array,
 ) -> None:  # fmt: skip
-    """Write what was filled in to the maps, which are flat."""
+    """Write the filled-in values to the maps, which are raveled."""
     for n in range(len(pixels)):
         m = pixels[n]
         p[m], q[m] = values[n, 0], values[n, 1]
@@ -98,8 +99,8 @@ def _write(
 
 
 @lru_cache(maxsize=8)
-def _squares(shape: tuple[int, int]) -> Indices:
-    """(n, 2) lowest row and column of squares of four pixels, evenly spread."""
+def _corners(shape: tuple[int, int]) -> Indices:
+    """(n, 2) row and column of the upper left pixels of blocks of 2 x 2, evenly spread."""
     rows, columns = shape
     corners = sample_pixels((rows - 1, columns - 1), _SAMPLES)
     return np.stack(np.divmod(corners, max(columns - 1, 1)), axis=1)
@@ -107,8 +108,8 @@ def _squares(shape: tuple[int, int]) -> Indices:
 
 @lru_cache(maxsize=8)
 def _lines_of_two_lights(lighting: Lighting) -> tuple[FloatMap, FloatMap]:
-    """(6, 3, 2) pseudo-inverses b0 = solutions[pair] (i_j, i_k) and (8, 3) unit directions d, d_z
-    >= 0, of two lights; the last two d are 0: no line.
+    """Pseudo-inverses (6, 3, 2) of the pairs of lights, b0 = solutions[pair] (i_j, i_k), and unit
+    directions d (8, 3) of their lines, d_z >= 0; d is 0 for `NO_LINE` and `SKIPPED`.
     """
     first, second = lighting.directions[_FIRST], lighting.directions[_SECOND]
     cosines = (first * second).sum(axis=1, keepdims=True)

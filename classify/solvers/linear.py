@@ -1,6 +1,6 @@
-"""Least squares and PS3, and the last steps of solvers of any number of lights.
+"""Least squares and PS3, with the kernels that the solvers of any number of lights share.
 
-A kernel goes from raw images to gradients, albedo and validity row by row, while the row is in the
+A kernel computes gradients, albedo and validity from raw images row by row, while the row is in the
 cache. A row is solved in several short loops without branches, which the compiler vectorises.
 """
 
@@ -24,7 +24,7 @@ from .problem import Maps, Problem
 from .strips import solve_strips
 
 # Smallest eigenvalue of L^T L, the square of the smallest singular value of L, that still
-# determines a normal; the limit of `algebra`.
+# determines a normal; the same limit as in `classify.lights.algebra`.
 _MIN_EIGENVALUE = 1e-6
 
 
@@ -48,14 +48,14 @@ solve_ps3d = partial(_solve_three_of_ring, method="ps3d")
 def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
     """Solve b = weights i at every pixel, without the light `unused`."""
     floor = problem.noise_floor(weights)
-    lights, gains, _ = fours = by_fours(problem, unused)
+    lights, gains, _ = padded = padded_lights(problem, unused)
     weights = weights[:, lights] * gains
     solve_rows = _solve_four if len(lights) == 4 else _solve_many
     maps = problem.new_maps(left_out=np.broadcast_to(np.uint8(unused), problem.shape))
 
     def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
         solve_rows(
-            first, last, stack.images, stack.dark_rows, *fours, problem.saturation, floor, weights,
+            first, last, stack.images, stack.dark_rows, *padded, problem.saturation, floor, weights,
             problem.dark_albedo, maps.p, maps.q, maps.albedo, maps.valid, maps.dark_counts,
         )  # fmt: skip
 
@@ -63,8 +63,9 @@ def _solve(problem: Problem, weights: Array, unused: int) -> Maps:
     return maps
 
 
-def by_fours(problem: Problem, unused: int = NO_DROPPED_LIGHT) -> tuple[Array, Array, Array]:
-    """(4 n,) index and gain, (3, 4 n) direction of the lights without `unused`, padded to fours."""
+def padded_lights(problem: Problem, unused: int = NO_DROPPED_LIGHT) -> tuple[Array, Array, Array]:
+    """Indices (4 n,), gains (4 n,) and directions (3, 4 n) of the lights except `unused`."""
+    # The kernels take four lights per loop. The padding repeats the last light with a gain of 0.
     used = np.flatnonzero(np.arange(len(problem.lighting)) != unused)
     padding = (0, -len(used) % 4)
     lights = np.pad(used, padding, mode="edge")
@@ -100,11 +101,11 @@ def _solve_four(
             y = (y0 * v0 + y1 * v1) + (y2 * v2 + y3 * v3)
             z = (z0 * v0 + z1 * v1) + (z2 * v2 + z3 * v3)
             b = (x, y, z)
-            n0, n1 = _lit(v0, b, light0), _lit(v1, b, light1)
-            n2, n3 = _lit(v2, b, light2), _lit(v3, b, light3)
-            judged = _judged(b, (n0 + n1) + (n2 + n3), noise_floor)
-            p[r, c], q[r, c], albedo[r, c], valid[r, c] = judged
-        # In the loop above these sums would take a sixth of its time.
+            lit0, lit1 = _lit(v0, b, light0), _lit(v1, b, light1)
+            lit2, lit3 = _lit(v2, b, light2), _lit(v3, b, light3)
+            pixel = _map_values(b, (lit0 + lit1) + (lit2 + lit3), noise_floor)
+            p[r, c], q[r, c], albedo[r, c], valid[r, c] = pixel
+        # These sums have a loop of their own: in the loop above they would add a sixth to its time.
         count, dark_count = 0, 0
         for c in range(columns):
             count += saturated[c]
@@ -123,8 +124,10 @@ def _solve_saturated(
     saturated: Array, saturation: np.float32, noise_floor: np.float32, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> int:  # fmt: skip
-    """Solve `saturated` pixels without those lights; return the change of the dark count."""
-    zero, more = np.float32(0.0), 0
+    """Solve `saturated` pixels without their saturated lights; return the change of the number of
+    pixels below `dark_albedo`.
+    """
+    zero, dark_count_change = np.float32(0.0), 0
     used = np.empty(len(lights), np.bool_)
     for c in np.flatnonzero(saturated):
         for k in range(len(lights)):
@@ -134,14 +137,14 @@ def _solve_saturated(
         if not solved:
             p[r, c], q[r, c], valid[r, c] = zero, zero, False
             continue
-        n = zero
+        lit_count = zero
         for k in range(len(lights)):
             value = np.float32(images[lights[k], r, c]) - d
-            n += _lit(value, (x, y, z), _light(directions, gains, k))
-        judged = _judged((x, y, z), n, noise_floor)
-        more += int(judged[2] < dark_albedo) - int(albedo[r, c] < dark_albedo)
-        p[r, c], q[r, c], albedo[r, c], valid[r, c] = judged
-    return more
+            lit_count += _lit(value, (x, y, z), _light(directions, gains, k))
+        pixel = _map_values((x, y, z), lit_count, noise_floor)
+        dark_count_change += int(pixel[2] < dark_albedo) - int(albedo[r, c] < dark_albedo)
+        p[r, c], q[r, c], albedo[r, c], valid[r, c] = pixel
+    return dark_count_change
 
 
 @kernel
@@ -179,7 +182,7 @@ def _solve_many(
                 bx[c] = x + ((x0 * v0 + x1 * v1) + (x2 * v2 + x3 * v3))
                 by[c] = y + ((y0 * v0 + y1 * v1) + (y2 * v2 + y3 * v3))
                 bz[c] = z + ((z0 * v0 + z1 * v1) + (z2 * v2 + z3 * v3))
-        # A sum is vectorised, a search is not.
+        # The compiler vectorises this sum, but not the search by `flatnonzero`.
         saturated = 0
         for c in range(columns):
             saturated += brightest[c] >= saturation
@@ -261,12 +264,12 @@ def judge_row(
     bx: Array, by: Array, bz: Array, floors: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
-    """Write the maps of row r: slopes are valid if bz^2 >= `floors` rho and three lights are out of
-    shadow.
+    """Write the maps of row r; slopes are valid where bz^2 >= `floors` rho and at least three
+    lights are out of shadow.
     """
     columns = p.shape[1]
     zero = np.float32(0.0)
-    lit = np.empty(columns, np.float32)
+    lit_counts = np.empty(columns, np.float32)
     last, dark_count = len(lights) - 4, 0
     for k in range(0, len(lights), 4):
         i0, i1, i2, i3 = lights[k], lights[k + 1], lights[k + 2], lights[k + 3]
@@ -277,21 +280,21 @@ def judge_row(
                 d, b = np.float32(dark[c]), (bx[c], by[c], bz[c])
                 v0, v1 = np.float32(images[i0, r, c]) - d, np.float32(images[i1, r, c]) - d
                 v2, v3 = np.float32(images[i2, r, c]) - d, np.float32(images[i3, r, c]) - d
-                n0, n1 = _lit(v0, b, light0), _lit(v1, b, light1)
-                n2, n3 = _lit(v2, b, light2), _lit(v3, b, light3)
-                lit[c] = (lit[c] if k else zero) + ((n0 + n1) + (n2 + n3))
+                lit0, lit1 = _lit(v0, b, light0), _lit(v1, b, light1)
+                lit2, lit3 = _lit(v2, b, light2), _lit(v3, b, light3)
+                lit_counts[c] = (lit_counts[c] if k else zero) + ((lit0 + lit1) + (lit2 + lit3))
         else:
-            # One loop with the rest takes a fifth less time: of four lights there is no other.
+            # The last four lights: counting and writing in one loop takes a fifth less time.
             for c in range(columns):
                 d, b = np.float32(dark[c]), (bx[c], by[c], bz[c])
                 v0, v1 = np.float32(images[i0, r, c]) - d, np.float32(images[i1, r, c]) - d
                 v2, v3 = np.float32(images[i2, r, c]) - d, np.float32(images[i3, r, c]) - d
-                n0, n1 = _lit(v0, b, light0), _lit(v1, b, light1)
-                n2, n3 = _lit(v2, b, light2), _lit(v3, b, light3)
-                n = (lit[c] if k else zero) + ((n0 + n1) + (n2 + n3))
-                judged = _judged(b, n, floors[c])
-                p[r, c], q[r, c], albedo[r, c], valid[r, c] = judged
-                dark_count += judged[2] < dark_albedo
+                lit0, lit1 = _lit(v0, b, light0), _lit(v1, b, light1)
+                lit2, lit3 = _lit(v2, b, light2), _lit(v3, b, light3)
+                lit_count = (lit_counts[c] if k else zero) + ((lit0 + lit1) + (lit2 + lit3))
+                pixel = _map_values(b, lit_count, floors[c])
+                p[r, c], q[r, c], albedo[r, c], valid[r, c] = pixel
+                dark_count += pixel[2] < dark_albedo
     dark_counts[r] = dark_count
 
 
@@ -304,15 +307,15 @@ def _light(
 
 
 @kernel
-def _judged(
-    b: tuple[np.float32, np.float32, np.float32], lit: np.float32, floor: np.float32
+def _map_values(
+    b: tuple[np.float32, np.float32, np.float32], lit_count: np.float32, floor: np.float32
 ) -> tuple[np.float32, np.float32, np.float32, bool]:
-    """p, q, albedo and validity of a scaled normal with `lit` lights out of shadow."""
+    """p, q, albedo and validity of a scaled normal b with `lit_count` lights out of shadow."""
     x, y, z = b
     rho = np.sqrt(x * x + y * y + z * z)
     visible = (z > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)) & (z * z >= floor * rho)
     inverse = np.float32(-1.0) / z if visible else np.float32(0.0)
-    return x * inverse, y * inverse, rho, visible & (lit > np.float32(2.5))
+    return x * inverse, y * inverse, rho, visible & (lit_count > np.float32(2.5))
 
 
 @kernel
@@ -320,7 +323,7 @@ def _lit(
     value: np.float32, b: tuple[np.float32, np.float32, np.float32],
     light: tuple[np.float32, np.float32, np.float32, np.float32],
 ) -> np.float32:  # fmt: skip
-    """1 if a light of this value is above `SHADOW_FRACTION` of its prediction by b, else 0."""
+    """1 if `value` is above `SHADOW_FRACTION` of the prediction by b for this light, else 0."""
     x, y, z = b
     towards_x, towards_y, towards_z, gain = light
     prediction = towards_x * x + towards_y * y + towards_z * z

@@ -13,16 +13,15 @@ from classify.images import ImageStack, SensorNoise, noise_of_images, noise_of_s
 from classify.lighting import Lighting
 from classify.lights.near_light import Shear, middle_px
 
-# A slope with a larger standard error is not valid: most surfaces are flatter than that, so that
-# their mean slope is the better estimate.
+# Largest standard error of a valid slope. Most surfaces are flatter than that, so that their mean
+# slope is a better estimate than a slope with a larger error.
 _MAX_SLOPE_ERROR = 0.5
 # A pixel below this share of the bright parts of the frame is dark: half of its light can come from
 # the lens (veiling glare, 1 to 5 % by ISO 9358) and from the surface around it
-# (`shadow_rule.LEAK`).
-# test_validity.py holds it on photographs with dark backdrops.
+# (`shadow_rule.LEAK`). test_validity.py tests it on photographs with dark backdrops.
 _DARK = 0.06
-# `dark` leaves out pixels whose albedo is above this multiple of the albedo of a dark pixel that
-# faces the camera, which saves time.
+# `strips` does not test pixels whose albedo is above this multiple of the albedo of a dark pixel
+# that faces the camera, which saves time.
 _DARK_ALBEDO = 3.0
 _SAMPLES = 4096
 
@@ -37,9 +36,9 @@ class Maps:
     valid: BoolArray
     dark_counts: npt.NDArray[np.int32]  # (H,) pixels of each row below `Problem.dark_albedo`
     left_out: npt.NDArray[np.uint8] | None  # index of the light; None for the darkest one
-    highlights: BoolArray | None  # None where the prediction of the solution shows them
+    highlights: BoolArray | None  # None if they follow from the prediction of the solution
     repaired: BoolArray
-    unlit: npt.NDArray[np.uint8] | None  # marks for `in_fill`, 0 for none; None if not filled in
+    unlit: npt.NDArray[np.uint8] | None  # marks of `unsolved`, 0 if solved; None if not filled in
     lighting: Lighting  # with the intensities that were used
 
     def rows(self, first: int, last: int) -> "Maps":
@@ -63,7 +62,7 @@ class Problem:
     lighting: Lighting
     full_scale: float | None
     sensor_noise: SensorNoise | None
-    saturation: np.float32  # the pixel value of saturated pixels
+    saturation: np.float32  # the least pixel value of saturated pixels
     on_progress: Callable[[float], None] | None = None
 
     @property
@@ -77,7 +76,7 @@ class Problem:
 
     @cached_property
     def shear(self) -> Shear | None:
-        """Difference of near lights from distant ones; None for distant lights."""
+        """`Shear` of near lights; None for distant lights."""
         return None if self.lighting.positions_px is None else Shear.of(self.lighting)
 
     @cached_property
@@ -136,21 +135,21 @@ class Problem:
         repaired: BoolArray | None = None,
         unlit: npt.NDArray[np.uint8] | None = None,
     ) -> Maps:
-        """Maps for a solver to write; nothing is repaired unless that map is given."""
+        """Maps for a solver to write; `repaired` is all False by default."""
         p, q, albedo = (np.empty(self.shape, np.float32) for _ in range(3))
         valid, dark_counts = np.empty(self.shape, np.bool_), np.empty(self.shape[0], np.int32)
         if repaired is None:
-            repaired = nowhere(self.shape)
+            repaired = all_false(self.shape)
         return Maps(
             p, q, albedo, valid, dark_counts, left_out, highlights, repaired, unlit, self.lighting
         )
 
     def noise_floor(self, weights: Array) -> np.float32:
         """Least b_z^2 / rho of a valid slope, for b = weights i."""
-        return np.float32(self.sigma) * slope_noise(weights)
+        return np.float32(self.sigma) * noise_floor_factor(weights)
 
 
-def nowhere(shape: tuple[int, int]) -> BoolArray:
+def all_false(shape: tuple[int, int]) -> BoolArray:
     """(H, W) False in one byte of memory."""
     return np.broadcast_to(np.False_, shape)
 
@@ -166,8 +165,8 @@ def _median(values: FloatMap) -> FloatMap:
     return np.float32(0.5) * middle
 
 
-def slope_noise(weights: Array) -> np.float32:
-    """Factor c, at most 0.5, of valid slopes b_z^2 >= c sigma rho, from the standard error sigma
-    |weights| rho / b_z^2 of p.
+def noise_floor_factor(weights: Array) -> np.float32:
+    """Factor c of the limit b_z^2 >= c sigma rho, at which the standard error of a slope, sigma
+    |weights| rho / b_z^2, is `_MAX_SLOPE_ERROR`.
     """
     return np.float32(np.linalg.norm(weights, axis=1).max() / _MAX_SLOPE_ERROR)

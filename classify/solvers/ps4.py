@@ -8,7 +8,7 @@ from classify.images import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, SHADOW_FLOOR, SHADOW_FRACTION
 
-from .problem import Maps, Problem, nowhere
+from .problem import Maps, Problem, all_false
 from .strips import solve_strips
 
 _DARK = SHADOW_FRACTION * SHADOW_FLOOR
@@ -19,12 +19,12 @@ def solve_ps4(problem: Problem) -> Maps:
     pinv, null = drop_one_constants(problem.lighting, "ps4")
     floor = problem.noise_floor(pinv)
     inverse = np.linalg.inv(problem.lighting.directions[:3]).astype(np.float32)
-    # Slopes do not change with the brightness of all lights: equal gains are applied to the
-    # albedo only.
+    # Slopes do not depend on a common gain of the lights: equal gains are applied to the albedo
+    # only.
     gains, albedo_gain = problem.gains, np.float32(1.0)
     if np.ptp(gains) == 0.0:
         gains, albedo_gain = np.ones_like(gains), gains[0]
-    maps = problem.new_maps(highlights=nowhere(problem.shape))
+    maps = problem.new_maps(highlights=all_false(problem.shape))
     null = null.astype(np.float32)
 
     def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
@@ -54,7 +54,7 @@ def _drop_darkest(
     columns = p.shape[1]
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
-    # As numbers, which a store to a map cannot change: else they are loaded for every pixel.
+    # Scalars, which a store to a map cannot change; array elements would be loaded at every pixel.
     (x0, x1, x2), (y0, y1, y2), (z0, z1, z2) = inverse[0], inverse[1], inverse[2]
     zero, one = np.float32(0.0), np.float32(1.0)
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
@@ -76,7 +76,7 @@ def _drop_darkest(
             low, other_low = min(v0, v1), min(v2, v3)
             darkest = min(low, other_low)
             second = min(max(low, other_low), min(max(v0, v1), max(v2, v3)))
-            # One for each light that is the darkest.
+            # 1 for each light with the darkest value, else 0.
             d0 = one if v0 == darkest else zero
             d1 = one if v1 == darkest else zero
             d2 = one if v2 == darkest else zero

@@ -25,19 +25,20 @@ from .unsolved import (
 _REACH_DARK_PX, _REACH_PX = 8, 24
 # Further steps change slopes by less than the noise (test_ps4_robust.py limits the errors).
 _STEPS = 15
-# Smallest damped eigenvalue, as a share of the largest; it belongs to errors about ten pixels wide.
-# A smaller one leaves more error in narrow shadows after the same number of steps.
-_SMALLEST = 0.012
+# Smallest eigenvalue that the Chebyshev iteration damps, as a share of the largest; it belongs to
+# errors about ten pixels wide. A smaller one leaves more error in narrow shadows after the same
+# number of steps.
+_LEAST_EIGENVALUE = 0.012
 # Smallest z of a normal on the line of two lights: a slope of 75 degrees. The ends of the line are
 # steeper, and a camera from above would not see such a surface.
 _MIN_NZ = np.float32(0.26)
 # Squared slope by which a step may overshoot, as accelerated steps do at first. With more they
 # diverge, with less they stop early (evidence.true_normals, thirty textures at slant 70).
 _OVERSHOOT = np.float32(0.01)
-# Pixels whose targets are found before they are moved.
+# Pixels per block of `_move`; its 18 float32 buffers of this length fit in a first-level cache.
 _BLOCK = 256
-# Additional weight of the curl, which is zero for every surface, while steps of slope are not.
-_CURL = 2.0
+# Factor on the weight of the curl: every surface has zero curl, but not zero steps of slope.
+_CURL_WEIGHT = 2.0
 
 
 _Vector3 = tuple[np.float32, np.float32, np.float32]
@@ -46,13 +47,13 @@ _Vector4 = tuple[np.float32, np.float32, np.float32, np.float32]
 
 @kernel
 def neighbour_weights(
-    p: Array, q: Array, albedo: Array, unlit: Array, squares: Array
+    p: Array, q: Array, albedo: Array, unlit: Array, corners: Array
 ) -> tuple[np.float32, np.float32]:
-    """Weights of steps of albedo and curl against slope: inverse mean `squares` (n, 2) over solved
-    pixels.
+    """Weights of squared steps of albedo and squared curl relative to squared steps of slope, from
+    their means over solved blocks of 2 x 2 pixels, given their upper left `corners` (n, 2).
     """
     slope, relative, curl, count = 0.0, 0.0, 0.0, 0
-    for r, c in squares:
+    for r, c in corners:
         if unlit[r, c] | unlit[r, c + 1] | unlit[r + 1, c] | unlit[r + 1, c + 1]:
             continue
         p_nw, p_ne, p_sw, p_se = p[r, c], p[r, c + 1], p[r + 1, c], p[r + 1, c + 1]
@@ -64,20 +65,20 @@ def neighbour_weights(
         nw, ne, sw, se = albedo[r, c], albedo[r, c + 1], albedo[r + 1, c], albedo[r + 1, c + 1]
         relative += ((ne - nw) / (ne + nw)) ** 2 + ((se - sw) / (se + sw)) ** 2
         relative += ((sw - nw) / (sw + nw)) ** 2 + ((se - ne) / (se + ne)) ** 2
-        around = (p_sw - p_nw) + (p_se - p_ne) + (q_ne - q_nw) + (q_se - q_sw)
-        curl += min(around**2, 1.0)
+        circulation = (p_sw - p_nw) + (p_se - p_ne) + (q_ne - q_nw) + (q_se - q_sw)
+        curl += min(circulation**2, 1.0)
         count += 1
-    if count < 16:
+    if count < 16:  # too few blocks for a mean
         return np.float32(1.0), np.float32(1.0)
-    # There are four steps of albedo, each half of the relative step, to eight steps of slope.
+    # The sums have four steps of albedo, each half of the relative step, and eight steps of slope.
     albedo_weight = slope / max(8.0 * relative, 8e-6 * count)
-    curl_weight = _CURL * slope / max(8.0 * curl, 8e-6 * count)
+    curl_weight = _CURL_WEIGHT * slope / max(8.0 * curl, 8e-6 * count)
     return np.float32(min(albedo_weight, 100.0)), np.float32(min(curl_weight, 30.0))
 
 
 @kernel_part
 def _line(lines: Array, n: int) -> _Vector4:
-    """A line and its t, as numbers: arrays cost the functions below a fifth of their time."""
+    """A line and its t as scalars: arrays cost the functions below a fifth of their time."""
     return lines[n, 0], lines[n, 1], lines[n, 2], lines[n, 3]
 
 
@@ -91,13 +92,15 @@ def _first_on_line(
     line: _Vector4, d: _Vector3,
     P: np.float32, Q: np.float32, A: np.float32, albedo_weight: np.float32,
 ) -> _Vector4:  # fmt: skip
-    """Find the point of a line that is nearest to slopes P, Q and albedo A: these, and its t."""
+    """Slopes, albedo and t of the point of a line that is nearest to slopes P, Q and albedo A, by a
+    search over 17 values of t.
+    """
     one = np.float32(1.0)
     x, y, z, _ = line
     # b0 is perpendicular to d, so that |b|^2 = |b0|^2 + t^2.
     square = x * x + y * y + z * z
     start = A / np.sqrt(one + P * P + Q * Q) * (d[2] - P * d[0] - Q * d[1])
-    least, best = np.float32(np.inf), np.float32(0.0)
+    smallest_error, best = np.float32(np.inf), np.float32(0.0)
     p, q, rho = P, Q, A
     for i in range(-8, 9):
         t = start + np.float32(0.1875 * i) * A
@@ -107,9 +110,10 @@ def _first_on_line(
         slope_x, slope_y = -(x + t * d[0]) * inverse, -(y + t * d[1]) * inverse
         error = (slope_x - P) ** 2 + (slope_y - Q) ** 2 + albedo_weight * (length / A - one) ** 2
         if below > 0.0:
+            # Steeper than `_MIN_NZ`: taken only if all other points are as well.
             error += np.float32(1e3) * (one + below / A)
-        if error < least:
-            least, best = error, t
+        if error < smallest_error:
+            smallest_error, best = error, t
             p, q, rho = slope_x, slope_y, length
     return p, q, rho, best
 
@@ -119,7 +123,7 @@ def _step_along_line(
     line: _Vector4, d: _Vector3, start: _Vector3, target: _Vector3,
     slope_weight: np.float32, albedo_weight: np.float32,
 ) -> np.float32:  # fmt: skip
-    """Find the Gauss-Newton step of t along a line, from slopes and albedo towards others."""
+    """Gauss-Newton step of t along a line, from slopes and albedo `start` towards `target`."""
     (p, q, rho), (P, Q, A), (_, _, z, t) = start, target, line
     inverse = np.float32(1.0) / (z + t * d[2])
     dp, dq = -(d[0] + p * d[2]) * inverse, -(d[1] + q * d[2]) * inverse
@@ -135,8 +139,8 @@ def _moved_along_line(
     line: _Vector4, d: _Vector3, move: np.float32, start: _Vector3, target: _Vector3,
     slope_weight: np.float32, albedo_weight: np.float32,
 ) -> tuple[_Vector3, bool]:  # fmt: skip
-    """Slopes and albedo after a move of t, and whether it neither leaves the visible part of the
-    line nor overshoots.
+    """Slopes and albedo after a move of t, and whether the move is allowed: it stays on the visible
+    part of the line and does not overshoot.
     """
     (p, q, rho), (P, Q, A), (x, y, z, t) = start, target, line
     relative = albedo_weight / (A * A)
@@ -153,7 +157,9 @@ def _moved_along_line(
 
 
 def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
-    """Set first values, layer by layer inwards, to the mean of the layers before."""
+    """Initialise unsolved pixels layer by layer, each from the mean of its neighbours in the layers
+    before.
+    """
 
     def grow_part(layer: int, counts: list[int], first: int, last: int) -> None:
         count = _grow_layer(
@@ -167,32 +173,33 @@ def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
         unsolved.run(partial(grow_part, layer, counts), strip_px)
         if not any(counts):
             break
-    _skip_edges(unsolved.near, unsolved.pairs, unsolved.depth)
+    _keep_edges(unsolved.near, unsolved.pairs, unsolved.depth)
 
 
 def relax(
     unsolved: Unsolved, albedo_weight: np.float32, curl_weight: np.float32, strip_px: int
 ) -> None:
-    """Smooth unsolved pixels all at once to the minimum of `link`, by Chebyshev semi-iteration
-    (Golub and Varga 1961), which prefers no direction.
+    """Smooth the unsolved pixels towards the minimum that `link` describes, by Chebyshev
+    semi-iteration (Golub and Varga 1961): all pixels move at once, so no direction is preferred.
     """
     # Largest eigenvalue of the iteration: 2 for the steps between neighbours, 4 for the curl.
     largest = (2.0 + 16.0 * float(curl_weight)) / (1.0 + 4.0 * float(curl_weight))
-    middle, radius = 0.5 * largest * (1.0 + _SMALLEST), 0.5 * largest * (1.0 - _SMALLEST)
+    middle = 0.5 * largest * (1.0 + _LEAST_EIGENVALUE)
+    radius = 0.5 * largest * (1.0 - _LEAST_EIGENVALUE)
     step, momentum, ratio = np.float32(1.0 / middle), np.float32(0.0), radius / middle
     factors, moves = neighbour_factors(curl_weight), np.zeros_like(unsolved.values)
-    values, moved = unsolved.values.copy(), unsolved.values
+    values, new_values = unsolved.values.copy(), unsolved.values
 
-    def move(first: int, last: int) -> None:
+    def move_part(first: int, last: int) -> None:
         _move(
             first, last, unsolved.lines, unsolved.pairs, unsolved.along, unsolved.near,
             unsolved.solved, factors, albedo_weight, curl_weight, step, momentum, values, moves,
-            moved,
+            new_values,
         )  # fmt: skip
 
     for _ in range(_STEPS):
-        unsolved.run(move, strip_px)
-        values, moved = moved, values
+        unsolved.run(move_part, strip_px)
+        values, new_values = new_values, values
         previous, ratio = ratio, 1.0 / (2.0 * middle / radius - ratio)
         step, momentum = np.float32(2.0 * ratio / radius), np.float32(ratio * previous)
     unsolved.values[:] = values
@@ -203,7 +210,7 @@ def _grow_layer(
     first: int, last: int, layer: int, lines: Array, pairs: Array, along: Array, near: Array,
     solved: Array, albedo_weight: np.float32, values: Array, depth: Array,
 ) -> int:  # fmt: skip
-    """Give values to the pixels beside the layers before, and return their number."""
+    """Initialise the pixels beside the layers before, and return their number."""
     reached = 0
     for n in range(first, last):
         dark = pairs[n] >= NO_LINE
@@ -233,8 +240,10 @@ def _grow_layer(
 
 
 @kernel
-def _skip_edges(near: Array, pairs: Array, depth: Array) -> None:
-    """Keep the first values at the frame's border and beside pixels without a slope."""
+def _keep_edges(near: Array, pairs: Array, depth: Array) -> None:
+    """Mark pixels that keep their initial values as `SKIPPED`: at the border of the frame, and
+    beside pixels without a slope.
+    """
     for n in range(len(pairs)):
         for j in range(8):
             m = near[n, j]
@@ -250,11 +259,11 @@ def _skip_edges(near: Array, pairs: Array, depth: Array) -> None:
 def _move(
     first: int, last: int, lines: Array, pairs: Array, along: Array, near: Array, solved: Array,
     factors: Array, albedo_weight: np.float32, curl_weight: np.float32,
-    step: np.float32, momentum: np.float32, values: Array, moves: Array, moved: Array,
+    step: np.float32, momentum: np.float32, values: Array, moves: Array, new_values: Array,
 ) -> None:  # fmt: skip
-    """Move each pixel from `values` to `moved`: in p, q and albedo, or in t along its line."""
+    """Move each pixel from `values` to `new_values`: in p, q and albedo, or in t along its line."""
     slope_weight = np.float32(1.0) + np.float32(4.0) * curl_weight
-    # Copies of a block, which the compiler knows not to overlap: it vectorises the second loop.
+    # The compiler knows that these copies do not overlap, and vectorises the second loop.
     x, y, z, t, dx, dy, dz, p, q, rho, P, Q, A, move, new_p, new_q, new_rho, allowed = np.empty(
         (18, _BLOCK), np.float32
     )
@@ -288,10 +297,11 @@ def _move(
             if pairs[n] == NO_LINE:
                 for k in range(3):
                     moves[n, k] = step * (target[k] - start[k]) + momentum * moves[n, k]
-                    moved[n, k] = start[k] + moves[n, k]
+                    new_values[n, k] = start[k] + moves[n, k]
                 continue
             line, d = (x[i], y[i], z[i], t[i]), (dx[i], dy[i], dz[i])
             shorter, end, is_allowed = move[i], (new_p[i], new_q[i], new_rho[i]), allowed[i] > 0.0
+            # Backtracking line search.
             for _ in range(3):
                 if is_allowed:
                     break
@@ -302,5 +312,5 @@ def _move(
             if not is_allowed:
                 shorter, end = np.float32(0.0), start
             moves[n, 0] = shorter
-            moved[n, 0], moved[n, 1], moved[n, 2] = end
+            new_values[n, 0], new_values[n, 1], new_values[n, 2] = end
             lines[n, 3] = t[i] + shorter

@@ -8,7 +8,7 @@ from classify.images import ImageStack
 from classify.lights.algebra import drop_two_inverses, least_squares_weights
 from classify.shadow_rule import NO_DROPPED_LIGHT
 
-from .linear import by_fours, judge_row, solve_lights
+from .linear import judge_row, padded_lights, solve_lights
 from .problem import Maps, Problem
 from .strips import solve_strips
 
@@ -17,13 +17,13 @@ def solve_rushmeier(problem: Problem) -> Maps:
     """Least squares without the lowest and highest of five or more values (Rushmeier 1997)."""
     inverses = drop_two_inverses(problem.lighting)
     floor = problem.noise_floor(least_squares_weights(problem.lighting, "rushmeier"))
-    fours, dropped = by_fours(problem), np.empty(problem.shape, np.uint8)
+    padded, dropped = padded_lights(problem), np.empty(problem.shape, np.uint8)
     maps = problem.new_maps(left_out=dropped)
 
     def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
         part = maps.rows(first, last)
         _drop_extremes(
-            *stack.float_rows(first, last), *fours, problem.saturation, floor, inverses,
+            *stack.float_rows(first, last), *padded, problem.saturation, floor, inverses,
             problem.dark_albedo, part.p, part.q, part.albedo, part.valid, part.dark_counts,
             part.left_out,
         )  # fmt: skip
@@ -38,8 +38,8 @@ def _drop_extremes(
     saturation: np.float32, noise_floor: np.float32, inverses: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array, dropped: Array,
 ) -> None:  # fmt: skip
-    """Solve rows without lowest and highest value, by inverses (N, N, 3, 3) of L^T L less lights j
-    and k; saturated ones count as highest.
+    """Solve rows without the lowest and highest value; `inverses` (N, N, 3, 3) are those of L^T L
+    without two lights; saturated values count as highest.
     """
     rows, columns = p.shape
     floors = np.full(columns, noise_floor)
@@ -61,11 +61,12 @@ def _drop_extremes(
                 bz[c] += z * v
                 lowest[c] = min(lowest[c], v)
                 highest[c] = max(highest[c], v)
-        # Number of lights with the lowest value, and sum of their indices: the index, if it is one.
-        lows = np.zeros(columns, np.float32)
-        low = np.zeros(columns, np.float32)
-        highs = np.zeros(columns, np.float32)
-        high = np.zeros(columns, np.float32)
+        # Number of lights with the lowest value, and the sum of their indices, which is the index
+        # of the light if there is only one; likewise for the highest value.
+        lowest_count = np.zeros(columns, np.float32)
+        lowest_index = np.zeros(columns, np.float32)
+        highest_count = np.zeros(columns, np.float32)
+        highest_index = np.zeros(columns, np.float32)
         brightest = np.zeros(columns, np.float32)
         for k in range(len(images)):
             gain, index = gains[k], np.float32(k)
@@ -73,12 +74,12 @@ def _drop_extremes(
                 raw = images[k, r, c]
                 brightest[c] = max(brightest[c], raw)
                 v = (raw - dark[c]) * gain
-                lows[c] += one if v <= lowest[c] else zero
-                low[c] += index if v <= lowest[c] else zero
-                highs[c] += one if v >= highest[c] else zero
-                high[c] += index if v >= highest[c] else zero
+                lowest_count[c] += one if v <= lowest[c] else zero
+                lowest_index[c] += index if v <= lowest[c] else zero
+                highest_count[c] += one if v >= highest[c] else zero
+                highest_index[c] += index if v >= highest[c] else zero
         for c in range(columns):
-            i, j = int(low[c]), int(high[c])
+            i, j = int(lowest_index[c]), int(highest_index[c])
             if brightest[c] >= saturation:
                 i, x, y, z = _without_saturated(
                     images, dark[c], lights, gains, directions, saturation, r, c
@@ -87,7 +88,7 @@ def _drop_extremes(
             elif lowest[c] == highest[c]:
                 i = NO_DROPPED_LIGHT
                 bx[c], by[c], bz[c] = _times(inverses[0, 0], bx[c], by[c], bz[c])
-            elif lows[c] > one or highs[c] > one:
+            elif lowest_count[c] > one or highest_count[c] > one:
                 i, x, y, z = _mean_of_ties(
                     images, dark[c], gains, inverses, directions, r, c,
                     lowest[c], highest[c], bx[c], by[c], bz[c],
@@ -145,7 +146,9 @@ def _mean_of_ties(
     r: int, c: int, lowest: np.float32, highest: np.float32,
     sum_x: np.float32, sum_y: np.float32, sum_z: np.float32,
 ) -> tuple[int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Mean of the solutions without each pair of lowest and highest lights, and the first one."""
+    """Mean of the solutions without a lowest and a highest light, over all pairs of tied lights;
+    the index of the first lowest light, and b.
+    """
     lights = images.shape[0]
     count, first = 0, lights
     bx, by, bz = np.float32(0.0), np.float32(0.0), np.float32(0.0)

@@ -19,8 +19,8 @@ from classify.surface.uncertainty import with_deviations
 
 from .problem import Maps, Problem
 
-# Images are divided by their full scale and intensity; beyond these limits squares of the results
-# are out of reach of float32.
+# Images are divided by their full scale and intensity; beyond these limits the squares of the
+# results overflow or underflow in float32.
 _SMALLEST_DIVISOR, _LARGEST_DIVISOR = 1e-6, 1e12
 
 
@@ -65,8 +65,9 @@ def photometric_stereo(
         Noise of the sensor that took the images. Without it, it is estimated from the images.
     flat_field
         The images of a white matt sheet under these lights, from a calibration. The images are
-        divided by it; the intensities of `lighting` are in it and not used. Without it, those of
-        near lights are divided by what inverse square and Lambert's law give.
+        divided by it; it contains the intensities of the lights, and those of `lighting` are
+        ignored. Without it, images of near lights are divided by the irradiance that the inverse
+        square law and Lambert's law predict.
     lobe_exponent
         m of the lobe cos^m of near LEDs, where there is no flat field; see
         `classify.lights.near_light.sheet_of`.
@@ -122,29 +123,30 @@ def photometric_stereo(
     if mask is not None and mask.shape != stack.shape:
         raise InputError(f"the mask has shape {mask.shape}, the images {stack.shape}")
     undivided = stack
-    used, saturation = lighting, np.float32(np.inf if full_scale is None else full_scale)
-    divided_by = None
+    solver_lighting, divided_by = lighting, None
+    saturation = np.float32(np.inf if full_scale is None else full_scale)
     if flat_field is not None:
         divided_by = flat_field.facing(lighting)
-        used = replace(lighting, intensities=np.ones(len(lighting)))
+        solver_lighting = replace(lighting, intensities=np.ones(len(lighting)))
     elif lighting.positions_px is not None:
-        even = replace(lighting, intensities=np.ones(len(lighting)))
-        divided_by = sheet_of(even, stack.shape, lobe_exponent).facing(lighting)
+        unit_lighting = replace(lighting, intensities=np.ones(len(lighting)))
+        divided_by = sheet_of(unit_lighting, stack.shape, lobe_exponent).facing(lighting)
     if divided_by is not None:
         stack = DividedStack(stack.images, stack.ambient, divided_by, full_scale)
         saturation = divided_by.saturation(float(saturation))
     fitted_fall_off = None
     if planar:
         stack, divided_by = stack.materialised(), None
-        fitted_fall_off = fall_off(stack, used, float(saturation), mask)
+        fitted_fall_off = fall_off(stack, solver_lighting, float(saturation), mask)
     saturated_value = float(saturation)
     if fitted_fall_off is not None:
         divided_by = fitted_fall_off
         stack = DividedStack(stack.images, stack.ambient, divided_by, saturated_value)
         saturation = divided_by.saturation(saturated_value)
-        # What remains of the levels of the LEDs is not estimated again.
-        used = replace(used, intensities=used.intensities)
-    problem = Problem(stack, used, full_scale, noise, saturation, on_progress)
+        # Marks the intensities as given: the fall-off contains the LED levels, which the solver
+        # must not estimate again.
+        solver_lighting = replace(solver_lighting, intensities=solver_lighting.intensities)
+    problem = Problem(stack, solver_lighting, full_scale, noise, saturation, on_progress)
     maps: Maps = resolve_name(f"{__package__}.{SOLVERS[chosen].function}")(problem)
     surface = SurfaceEstimate(
         p=maps.p,
@@ -160,7 +162,7 @@ def photometric_stereo(
         divided_by=divided_by,
         saturation=saturated_value if planar else full_scale,
         fall_off=fitted_fall_off,
-        led_levels=None if maps.lighting is used else maps.lighting.intensities,
+        led_levels=None if maps.lighting is solver_lighting else maps.lighting.intensities,
         left_out=maps.left_out,
         highlights=maps.highlights,
         repaired=maps.repaired,

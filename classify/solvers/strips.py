@@ -1,7 +1,7 @@
-"""Solve a frame in strips of rows: rows under near lights, and dark pixels.
+"""Solve a frame strip by strip, correct it for near lights, and invalidate dark pixels.
 
-A strip goes through all steps while it is in the cache. `classify.lights.near_light` derives the
-formulas for near lights.
+A strip of rows goes through all steps while it is in the cache. `classify.lights.near_light`
+derives the formulas for near lights.
 """
 
 import math
@@ -22,13 +22,14 @@ from classify.shadow_rule import MIN_NORMAL_Z, SHADOW_FLOOR, SHADOW_FRACTION
 from .problem import Maps, Problem
 from .unsolved import LOST
 
-# The excess of lights out of one plane, times half the diagonal of the frame, is the largest share
-# of the albedo that it can add to an image. Below the first limit it is not subtracted: it changes
-# normals by 0.06 degrees at most. Above it, b . X comes from least squares of all lights, which is
-# wrong for pixels in shadow. Above the second limit that would cost them more than 0.1 degrees, so
-# b . X is then taken from the solution (test_near_light.py).
+# Limits of the excess of lights out of one plane, times half the diagonal of the frame: the largest
+# share of the albedo that the excess can add to an image. Below `_LEAST_EXCESS` it is not
+# subtracted, because it changes normals by 0.06 degrees at most. Above it, b . X comes from least
+# squares of all lights, which is wrong for pixels in shadow. Above `_LARGE_EXCESS` that error
+# exceeds 0.1 degrees, so b . X is computed again from the solution (test_near_light.py).
 _LEAST_EXCESS, _LARGE_EXCESS = 1e-3, 3e-3
-# 1 - c . X of a pixel so near to the plane of the lights that its slope across it is not known.
+# Smallest 1 - c . X of a valid pixel; a smaller one is so near to the plane of the lights that its
+# slope across that plane is not determined.
 _NEAR_PLANE = np.float32(0.05)
 
 
@@ -40,7 +41,7 @@ class _NearRows:
     shear: Shear  # of the whole frame
     x: FloatMap  # of the columns, px
     y: FloatMap  # of these rows, px
-    inner: FloatMap  # b . X of each row if the excess is large; else one row of scratch, or none
+    b_dot_x: FloatMap  # b . X of the rows if the excess is large; else one scratch row, or none
     excess_is_large: bool  # whether the images need `subtract_rest_of_excess`
 
     @classmethod
@@ -52,25 +53,25 @@ class _NearRows:
         x, y = problem.plane_px
         largest = float(np.abs(problem.shear.excess).max()) * 0.5 * float(np.hypot(rows, columns))
         is_large = largest >= _LARGE_EXCESS
-        rows_kept = 0 if largest < _LEAST_EXCESS else height if is_large else 1
-        inner = np.zeros((rows_kept, columns), np.float32)
-        return cls(problem, problem.shear, x, y[first : first + height], inner, is_large)
+        buffer_rows = 0 if largest < _LEAST_EXCESS else height if is_large else 1
+        b_dot_x = np.zeros((buffer_rows, columns), np.float32)
+        return cls(problem, problem.shear, x, y[first : first + height], b_dot_x, is_large)
 
     def subtract_excess(self, stack: ImageStack) -> None:
         """Subtract e_k (b . X) from these rows in place, with b by least squares."""
-        if len(self.inner) > 0:
+        if len(self.b_dot_x) > 0:
             gains, shear = self.problem.gains, self.shear
             weights = np.linalg.pinv(self.problem.directions) * gains
             _subtract_excess(
                 weights.astype(np.float32), shear.plane, shear.excess / gains, self.x, self.y,
-                self.problem.saturation, stack.dark_rows, stack.images, self.inner,
+                self.problem.saturation, stack.dark_rows, stack.images, self.b_dot_x,
             )  # fmt: skip
 
     def subtract_rest_of_excess(self, stack: ImageStack, maps: Maps) -> None:
         """Subtract in place e_k times the change of b . X to the solver's `maps`."""
         _subtract_rest(
             self.shear.plane, self.shear.excess / self.problem.gains, self.x, self.y,
-            self.problem.saturation, maps.p, maps.q, maps.albedo, stack.images, self.inner,
+            self.problem.saturation, maps.p, maps.q, maps.albedo, stack.images, self.b_dot_x,
         )  # fmt: skip
 
     def correct(self, maps: Maps) -> None:
@@ -89,12 +90,12 @@ def _undo_shear(
     for r in range(rows):
         for c in range(columns):
             across = one - cx * x[c] - cy * y[r]
-            # b, in units of b'_z / across.
-            inner = -(p[r, c] * x[c] + q[r, c] * y[r])
+            # b' . X in units of b'_z, then b in units of b'_z / across.
+            b_dot_x = -(p[r, c] * x[c] + q[r, c] * y[r])
             bx, by, bz = (
-                cx * inner - across * p[r, c],
-                cy * inner - across * q[r, c],
-                across + cz * inner,
+                cx * b_dot_x - across * p[r, c],
+                cy * b_dot_x - across * q[r, c],
+                across + cz * b_dot_x,
             )
             square = bx * bx + by * by + bz * bz
             is_determined = (across > _NEAR_PLANE) & (bz > zero) & (bz * bz > least * square)
@@ -111,10 +112,10 @@ def _undo_shear(
 @kernel
 def _subtract_excess(
     weights: Array, plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
-    dark: Array, images: Array, inner: Array,
+    dark: Array, images: Array, b_dot_x: Array,
 ) -> None:  # fmt: skip
-    """Find b . X by least squares, `weights` (3, N) with the gains, and subtract `excess` times it;
-    `saturation` is kept.
+    """Compute b . X by least squares, with `weights` (3, N) that contain the gains, and subtract
+    `excess` times it from pixels that are not saturated.
     """
     cx, cy, _ = plane
     one = np.float32(1.0)
@@ -134,15 +135,15 @@ def _subtract_excess(
             for c in range(columns):
                 raw = images[k, r, c]
                 images[k, r, c] = raw - e * along[c] if raw < saturation else raw
-        inner[min(r, len(inner) - 1)] = along
+        b_dot_x[min(r, len(b_dot_x) - 1)] = along
 
 
 @kernel
 def _subtract_rest(
     plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
-    p: Array, q: Array, albedo: Array, images: Array, inner: Array,
+    p: Array, q: Array, albedo: Array, images: Array, b_dot_x: Array,
 ) -> None:  # fmt: skip
-    """Subtract `excess` times the difference of b . X = (b' . X) / (1 - c . X) from `inner`."""
+    """Subtract `excess` times the difference of b . X = (b' . X) / (1 - c . X) from `b_dot_x`."""
     cx, cy, _ = plane
     one = np.float32(1.0)
     lights, rows, columns = images.shape
@@ -151,7 +152,7 @@ def _subtract_rest(
         for c in range(columns):
             across = max(one - cx * x[c] - cy * y[r], _NEAR_PLANE)
             scale = albedo[r, c] / np.sqrt(one + p[r, c] * p[r, c] + q[r, c] * q[r, c])
-            rest[c] = -scale * (p[r, c] * x[c] + q[r, c] * y[r]) / across - inner[r, c]
+            rest[c] = -scale * (p[r, c] * x[c] + q[r, c] * y[r]) / across - b_dot_x[r, c]
         for k in range(lights):
             e = excess[k]
             for c in range(columns):
@@ -159,8 +160,8 @@ def _subtract_rest(
                 images[k, r, c] = raw - e * rest[c] if raw < saturation else raw
 
 
-# A light is missing if it is below the shadow limit, and below the prediction by this many standard
-# deviations: one normal deviate in 740 is.
+# A light is missing if its value is below the shadow limit, and below the prediction by this many
+# standard deviations, as one normal deviate in 740 is.
 _MISSING = 3.0
 
 
@@ -171,7 +172,8 @@ def _judge_dark_pixels(
     part = maps.rows(first, last)
     if not part.dark_counts.any():
         return
-    # The prediction from the other lights is noisy as well: 2 sigma of the difference for four.
+    # The prediction from the other lights is noisy as well: with four lights, the difference has a
+    # standard deviation of 2 sigma.
     lights = len(problem.lighting)
     noise = np.float32(_MISSING * problem.sigma * math.sqrt(lights / max(lights - 3, 1)))
     p, q, albedo, valid = part.p.ravel(), part.q.ravel(), part.albedo.ravel(), part.valid.ravel()
@@ -202,11 +204,11 @@ def solve_strips(
     *,
     from_all_lights: bool = False,
 ) -> None:
-    """Solve a frame by `solve(stack, maps, first, last)`, judge its dark pixels, and correct for
-    near lights, which methods that fill in do themselves.
+    """Solve a frame by `solve(stack, maps, first, last)`, invalidate dark pixels, and correct for
+    near lights; methods that fill in correct later by `correct_for_near_lights`.
     """
     rows, done = problem.shape[0], list[int]()
-    # The threads would each compute them.
+    # Cached properties are computed here, before the threads start, so that only one computes them.
     problem.dark_albedo, problem.shear, problem.plane_px  # noqa: B018
 
     def solve_strip(first: int, last: int) -> None:
@@ -236,7 +238,7 @@ def solve_strips(
 
 
 def correct_for_near_lights(problem: Problem, maps: Maps) -> None:
-    """Replace the solution b' of distant lights by b of near ones, if they are near."""
+    """Replace the solution b' of distant lights by b if the lights are near."""
 
     def correct(first: int, last: int) -> None:
         near = _NearRows.of(problem, first, last - first)

@@ -10,17 +10,19 @@ from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
 
-# Marks of `Maps.unlit`: noise makes the slope too uncertain, or a light is saturated. The four
-# lowest bits are the lights in shadow or saturated.
+# Bits of `Maps.unlit`, beside the four lowest, which are the lights in shadow or saturated.
+# LOST: noise makes the slope too uncertain. SATURATED: one of those lights is saturated.
 LOST, SATURATED = np.uint8(16), np.uint8(32)
+# Value of `Unsolved.depth` of a pixel in no layer yet.
 NOT_REACHED = np.uint8(255)
-# Codes in place of a pair of lights: fewer than two lights, or a pixel that is not changed.
+# Values of `Unsolved.pairs` without a pair of lights: fewer than two lights, or a pixel that keeps
+# its initial values.
 NO_LINE, SKIPPED = np.uint8(6), np.uint8(7)
 
-# Codes in place of a neighbour: it is solved, or it has no slope.
+# Values of `Unsolved.near` for a neighbour that is solved, and for one without a slope.
 _SOLVED, NOTHING = -1, -2
 # Neighbours row by row: nw, n, ne, w, e, sw, s, se. `_BESIDE` marks those that share a side with
-# the pixel; the weights are for the first values.
+# the pixel; `FIRST_WEIGHTS` are their weights in its initial values.
 _BESIDE = np.array([0, 1, 0, 1, 1, 0, 1, 0], np.bool_)
 FIRST_WEIGHTS = np.where(_BESIDE, 1.0, 0.7).astype(np.float32)
 
@@ -33,9 +35,12 @@ class Unsolved:
     lines: Array  # (n, 4) b0 and t of each pixel on its line of scaled normals; t is written
     pairs: Array  # (n,) pair of lights, `NO_LINE`, or `SKIPPED` by `relax`
     along: Array  # (8, 3) direction d of the line of each code in `pairs`
-    near: Array  # (n, 8) index of each neighbour in this list, or `_SOLVED` or `NOTHING`; `relax`
-    # reads n in place of both
-    solved: Array  # (n, 7) sums of solved neighbours: weighted p, q, albedo, 1; parts of the minima
+    # (n, 8) index of each neighbour in this list, or `_SOLVED` or `NOTHING`; `grow` replaces both
+    # by n, the last row of `values`.
+    near: Array
+    # (n, 7) sums over the solved neighbours: p, q, albedo and 1 by `FIRST_WEIGHTS`, then p, q and
+    # albedo by `neighbour_factors`.
+    solved: Array
     values: Array  # (n + 1, 3) p, q and albedo, written; the last row is 0
     depth: Array  # (n,) the layer of each pixel, `NOT_REACHED` before; written
 
@@ -49,7 +54,7 @@ class Unsolved:
         )  # fmt: skip
 
     def run(self, function: Callable[[int, int], None], strip_px: int) -> None:
-        """Call a function for parts of the list."""
+        """Call `function(first, last)` for parts of the list, on any number of threads."""
         run_on_rows(function, (len(self.pixels), 1), strip_px)
 
 
@@ -58,10 +63,11 @@ def link(
     p: Array, q: Array, albedo: Array, strip_px: int,
 ) -> None:  # fmt: skip
     """Find the neighbours of each pixel, and sum up those that are solved (`unlit` 0)."""
-    # Minimised are the squared steps of slope and albedo between neighbours, and the squared curl
-    # around each four pixels. At one pixel the minimum of p is a weighted mean of the mean of p at
-    # the four neighbours, with weight 1, and, with weight 4 curl_weight, of (2 (p_n + p_s - p_w -
-    # p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4; likewise for q.
+    # `relax` minimises the squared steps of slope and albedo between neighbours, and the squared
+    # curl of each block of 2 x 2 pixels. At one pixel the best p is a weighted mean of two terms:
+    # the mean of p at the four neighbours beside it, with weight 1, and (2 (p_n + p_s - p_w - p_e)
+    # + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4, with weight 4 curl_weight;
+    # likewise for q.
     factors = neighbour_factors(curl_weight)
 
     def link_part(first: int, last: int) -> None:
@@ -74,8 +80,8 @@ def link(
 
 
 def neighbour_factors(curl_weight: np.float32) -> Array:
-    """(8, 4) factors of the neighbours of `link`: p and q in the minimum of p, q in that of q,
-    albedo in its own.
+    """(8, 4) factors of the neighbours in the minimum of `link`: of p and q in the best p, of q in
+    the best q, of albedo in the best albedo; p has the same factor in q as q in p.
     """
     curl = float(curl_weight)
     vertical, horizontal = 0.25 + 2.0 * curl, 0.25 - 2.0 * curl
