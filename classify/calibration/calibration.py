@@ -97,7 +97,7 @@ class Response:
         """Pixel values of any shape as linear light with the same full scale, by `curve`."""
         levels = np.linspace(0.0, full_scale, RESPONSE_STEPS + 1)
         if image.dtype.kind == "u":
-            # A table of all values of the type takes a tenth of the time of interpolation.
+            # A lookup table of all values of the type takes a tenth of the time of interpolation.
             values = np.arange(np.iinfo(image.dtype).max + 1)
             table = np.interp(values, levels, full_scale * self.curve).astype(np.float32)
             return table.take(image)
@@ -153,12 +153,12 @@ def _undistorted(stack: ImageStack, scale: Scale, full_scale: float) -> ImageSta
     maps = _source_of_pixels(scale, stack.shape)
 
     def remap(image: Array) -> Array:
-        moved = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        undistorted = cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         # float32: in uint8 a small interpolation weight would be rounded to 0.
         saturated = (image >= full_scale).astype(np.float32)
         if saturated.any():
-            moved[cv2.remap(saturated, *maps, cv2.INTER_LINEAR) > 0.0] = image.max()
-        return np.asarray(moved, image.dtype)
+            undistorted[cv2.remap(saturated, *maps, cv2.INTER_LINEAR) > 0.0] = image.max()
+        return np.asarray(undistorted, image.dtype)
 
     ambient = None if stack.ambient is None else remap(stack.ambient)
     return ImageStack(np.stack([remap(image) for image in stack.images]), ambient)
@@ -168,8 +168,8 @@ def _undistorted_mask(mask: BoolArray, scale: Scale) -> BoolArray:
     """The (H, W) mask moved like the images; false beyond the frame."""
     rows, columns = mask.shape
     maps = _source_of_pixels(scale, (rows, columns))
-    moved = cv2.remap(mask.astype(np.uint8), *maps, cv2.INTER_NEAREST)
-    return np.asarray(moved, np.bool_)
+    undistorted = cv2.remap(mask.astype(np.uint8), *maps, cv2.INTER_NEAREST)
+    return np.asarray(undistorted, np.bool_)
 
 
 def _source_of_pixels(scale: Scale, shape: tuple[int, int]) -> tuple[Array, Array]:

@@ -84,7 +84,10 @@ class Dark:
         return (self.exposure_ms, *longer)
 
     def holds_at(self, exposure_ms: float | None) -> bool:
-        """Whether an exposure lies within the measured ones; True for one if either is unknown."""
+        """Whether an exposure lies within the measured ones.
+
+        If the exposure or a measured one is unknown: whether only one exposure was measured.
+        """
         shortest_ms, longest_ms = self.exposures_ms[0], self.exposures_ms[-1]
         if shortest_ms is None or longest_ms is None or exposure_ms is None:
             return self.longer is None
@@ -112,29 +115,31 @@ class Dark:
         upper = next(
             k for k, dark in enumerate(exposures) if (dark.exposure_ms or 0.0) > exposure_ms
         )
-        below, above = exposures[upper - 1], exposures[upper]
-        assert below.exposure_ms is not None
-        assert above.exposure_ms is not None
-        span_ms = above.exposure_ms - below.exposure_ms
-        share = (exposure_ms - below.exposure_ms) / span_ms
+        shorter_dark, longer_dark = exposures[upper - 1], exposures[upper]
+        assert shorter_dark.exposure_ms is not None
+        assert longer_dark.exposure_ms is not None
+        span_ms = longer_dark.exposure_ms - shorter_dark.exposure_ms
+        share = (exposure_ms - shorter_dark.exposure_ms) / span_ms
 
-        def between(lower: float, higher: float) -> float:
+        def interpolated(lower: float, higher: float) -> float:
             return lower + share * (higher - lower)
 
         ambient = None
-        if below.ambient is not None and above.ambient is not None:
-            ambient = between(below.ambient, above.ambient)
+        if shorter_dark.ambient is not None and longer_dark.ambient is not None:
+            ambient = interpolated(shorter_dark.ambient, longer_dark.ambient)
         return Dark(
-            offset=between(below.offset, above.offset),
-            noise=math.sqrt(between(below.noise**2, above.noise**2)),
-            hot_pixels=np.unique(np.concatenate([below.hot_pixels, above.hot_pixels]), axis=0),
+            offset=interpolated(shorter_dark.offset, longer_dark.offset),
+            noise=math.sqrt(interpolated(shorter_dark.noise**2, longer_dark.noise**2)),
+            hot_pixels=np.unique(
+                np.concatenate([shorter_dark.hot_pixels, longer_dark.hot_pixels]), axis=0
+            ),
             ambient=ambient,
             full_scale=self.full_scale,
             exposure_ms=exposure_ms,
         )
 
     def added(self, other: Dark) -> Dark:
-        """Return this with another exposure, which replaces an equal one."""
+        """Return this with the exposure of `other`, which replaces an equal exposure."""
         others = (dark for dark in self.exposures if not other.holds_at(dark.exposure_ms))
         exposures = [*others, other]
         exposures.sort(key=lambda dark: dark.exposure_ms or 0.0, reverse=True)
@@ -188,8 +193,8 @@ class DarkFrames:
 
 
 def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> DarkFrames:
-    """Measure offset, noise and hot pixels from (F, H, W) frames, whose lens is covered if `lit`
-    ones under LEDs are dark.
+    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered; `lit`
+    frames under LEDs are rejected if they are brighter.
     """
     if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
         count = "one frame" if len(frames) == 1 else f"{len(frames)} frames"

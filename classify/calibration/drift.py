@@ -54,7 +54,7 @@ class _DriftCause:
     kind: _DriftKind
     light: int | None  # index; None for a change that all lights share
     status: _Status
-    seen: str  # what was found, with numbers
+    seen: str  # the finding, with its values
     advice: str  # what to do
 
 
@@ -182,13 +182,13 @@ def _causes(
                 "with --replace"
             )
             yield _DriftCause("led level", light, status, finding, advice)
-    for cause, numbers in explanation.causes:
+    for cause, parameters in explanation.causes:
         if cause.kind == "light moved":
-            yield from _light_moved(cause, numbers, model)
+            yield from _light_moved(cause, parameters, model)
         elif cause.kind == "camera moved":
-            yield from _camera_moved(numbers)
+            yield from _camera_moved(parameters)
         elif cause.kind == "lens":
-            yield from _lens(numbers)
+            yield from _lens(parameters)
     if brightness is not None:
         status = _status(max(brightness, 1.0 / brightness) - 1.0, _BRIGHTNESS_CHANGES)
         if status != "ok":
@@ -215,28 +215,31 @@ def _causes(
         yield _DriftCause("unexplained", None, status, finding, advice)
 
 
-def _light_moved(cause: PossibleCause, numbers: Floats, model: DriftModel) -> Iterator[_DriftCause]:
+def _light_moved(
+    cause: PossibleCause, parameters: Floats, model: DriftModel
+) -> Iterator[_DriftCause]:
     if cause.light is None:
         return
     before = model.positions[cause.light]
-    after = moved_light(before, numbers)
+    after = moved_light(before, parameters)
     cosine = before @ after / (np.linalg.norm(before) * np.linalg.norm(after))
     angle_deg = math.degrees(math.acos(min(float(cosine), 1.0)))
     # A change of the distance counts as the angle that changes the gradient of the light as much.
-    equal_deg = max(angle_deg, math.degrees(abs(float(numbers[2]))))
+    equal_deg = max(angle_deg, math.degrees(abs(float(parameters[2]))))
     status = _status(equal_deg, _LIGHT_MOVED_DEG)
     if status != "ok":
+        distance_change = math.expm1(parameters[2])
         finding = (
             f"light {cause.light} has moved by {angle_deg:.1f} degrees, and is "
-            f"{abs(math.expm1(numbers[2])):.0%} {'farther away' if numbers[2] > 0 else 'nearer'}"
+            f"{abs(distance_change):.0%} {'farther away' if distance_change > 0 else 'nearer'}"
         )
         advice = "put it back and fasten it, then calibrate the plate again with --replace"
         yield _DriftCause("light moved", cause.light, status, finding, advice)
 
 
-def _camera_moved(numbers: Floats) -> Iterator[_DriftCause]:
-    right, up = 0.5 * numbers[:2]
-    rotated_deg = math.degrees(numbers[2])
+def _camera_moved(parameters: Floats) -> Iterator[_DriftCause]:
+    right, up = 0.5 * parameters[:2]
+    rotated_deg = math.degrees(parameters[2])
     status = _worst(
         _status(math.hypot(right, up), _CAMERA_SHIFT),
         _status(abs(rotated_deg), _CAMERA_ROTATED_DEG),
@@ -251,9 +254,9 @@ def _camera_moved(numbers: Floats) -> Iterator[_DriftCause]:
         yield _DriftCause("camera moved", None, status, finding, advice)
 
 
-def _lens(numbers: Floats) -> Iterator[_DriftCause]:
-    magnification = math.exp(numbers[0])
-    corner = math.expm1(numbers[1] + numbers[2])
+def _lens(parameters: Floats) -> Iterator[_DriftCause]:
+    magnification = math.exp(parameters[0])
+    corner = math.expm1(parameters[1] + parameters[2])
     status = _worst(
         _status(abs(magnification - 1.0), _MAGNIFICATION), _status(abs(corner), _VIGNETTING)
     )

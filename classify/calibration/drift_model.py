@@ -2,8 +2,9 @@
 
 The change is the logarithm of a light image over the flat field, by light and block of the frame.
 Changes that need no cause, such as noise and the place of the sheet, have normal distributions.
-Each cause adds a few numbers with wider normal distributions. Causes are added as long as they make
-the change more probable (Laplace's approximation: MacKay 2003, Information Theory, chapter 28).
+Each cause adds a few parameters with wider normal distributions. Causes are added as long as they
+make the change more probable (Laplace's approximation: MacKay 2003, Information Theory, chapter
+28).
 """
 
 import math
@@ -36,8 +37,8 @@ _LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
 # tests/evidence/drift_rates.py counts which causes are mistaken for others.
 _LOG_ODDS, _LOG_ODDS_TILT = 3.0, 6.0
 _MAX_CAUSES = 3
-# Gauss-Newton, in standard deviations of the numbers: step of derivatives and of convergence,
-# longest step; and the largest number of steps.
+# Gauss-Newton: step of the numerical derivatives, which also ends the iteration, and longest step,
+# both in standard deviations of the parameters; largest number of steps.
 _STEP, _MAX_STEP, _MAX_STEPS = 1e-3, 1.0, 12
 _NO_SLOPE: Floats = np.zeros(2)
 _MIN_LIGHT_Z = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
@@ -49,13 +50,13 @@ class PossibleCause:
 
     kind: Kind
     light: int | None  # index; None for a change that all lights share
-    spreads: tuple[float, ...]  # standard deviations of the numbers of the cause
-    change: Callable[[Floats], Floats]  # the change (N, B) for these numbers
+    spreads: tuple[float, ...]  # standard deviations of the parameters of the cause
+    change: Callable[[Floats], Floats]  # the change (N, B) for these parameters
 
 
 @dataclass(frozen=True, eq=False)
 class Explanation:
-    """The most probable causes of a change, each with its numbers."""
+    """The most probable causes of a change, each with its parameters."""
 
     causes: tuple[tuple[PossibleCause, Floats], ...]
     levels: Floats  # (N,) logarithm of each light's level, without the common part
@@ -91,48 +92,48 @@ class DriftModel:
     def explain(self, change: Floats) -> Explanation:
         """The causes of a change (N, B), at most three, by stepwise selection with exchanges."""
         chosen: tuple[PossibleCause, ...] = ()
-        score, numbers = self._fit(change, chosen, np.empty(0))
+        score, parameters = self._fit(change, chosen, np.empty(0))
         while len(chosen) < _MAX_CAUSES:
-            longer, better, fitted = self._best(change, chosen, numbers)
-            for index in range(len(longer) - 1):
+            extended, better, fitted = self._best(change, chosen, parameters)
+            for index in range(len(extended) - 1):
                 # An earlier cause may have been a substitute for the causes chosen later.
-                others = longer[:index] + longer[index + 1 :]
-                exchanged = self._best(change, others, _without(fitted, longer, index))
+                others = extended[:index] + extended[index + 1 :]
+                exchanged = self._best(change, others, _without(fitted, extended, index))
                 if exchanged[1] < better:
-                    longer, better, fitted = exchanged
+                    extended, better, fitted = exchanged
             if better >= score:
                 break
-            chosen, score, numbers = longer, better, fitted
-        return self._explanation(change, chosen, numbers)
+            chosen, score, parameters = extended, better, fitted
+        return self._explanation(change, chosen, parameters)
 
     def shows_moved_lights(self, angle: float) -> bool:
-        """Whether a move of any light by `angle` radians along its tilt would be named."""
-        still = np.empty(0)
+        """Whether the model would report a move of any light by `angle` radians along its tilt."""
+        no_parameters = np.empty(0)
         for cause in self._causes:
             if cause.kind == "light moved":
-                numbers = np.array([angle, 0.0, 0.0])
-                change = cause.change(numbers)
-                unnamed, _ = self._fit(change, (), still)
-                if self._fit(change, (cause,), numbers)[0] >= unnamed:
+                parameters = np.array([angle, 0.0, 0.0])
+                change = cause.change(parameters)
+                unnamed, _ = self._fit(change, (), no_parameters)
+                if self._fit(change, (cause,), parameters)[0] >= unnamed:
                     return False
         return True
 
     def _best(
-        self, change: Floats, chosen: tuple[PossibleCause, ...], numbers: Floats
+        self, change: Floats, chosen: tuple[PossibleCause, ...], parameters: Floats
     ) -> tuple[tuple[PossibleCause, ...], float, Floats]:
-        """Add the best cause to `chosen`; also return the score and all numbers."""
+        """Add the best cause to `chosen`; also return the score and all parameters."""
         fits = []
         for cause in self._causes:
             if cause not in chosen:
-                longer = (*chosen, cause)
-                start = np.append(numbers, np.zeros(len(cause.spreads)))
-                fits.append((longer, *self._fit(change, longer, start)))
+                extended = (*chosen, cause)
+                start = np.append(parameters, np.zeros(len(cause.spreads)))
+                fits.append((extended, *self._fit(change, extended, start)))
         return min(fits, key=lambda fit: fit[1])
 
     def _fit(
         self, change: Floats, causes: Sequence[PossibleCause], start: Floats
     ) -> tuple[float, Floats]:
-        """Minus twice the log evidence of causes, up to a constant, and their numbers."""
+        """Minus twice the log evidence of causes, up to a constant, and their parameters."""
         spreads = np.array([spread for cause in causes for spread in cause.spreads])
         scaled, predicted = start / spreads, self._change(causes, start)
         odds = sum(
@@ -156,42 +157,42 @@ class DriftModel:
                 break
         return float(residual @ residual + scaled @ scaled) + 2.0 * odds + volume, scaled * spreads
 
-    def _change(self, causes: Sequence[PossibleCause], numbers: Floats) -> Floats:
+    def _change(self, causes: Sequence[PossibleCause], parameters: Floats) -> Floats:
         total, first = np.zeros_like(self._strengths), 0
         for cause in causes:
             last = first + len(cause.spreads)
-            total += cause.change(numbers[first:last])
+            total += cause.change(parameters[first:last])
             first = last
         return total
 
     def _explanation(
-        self, change: Floats, causes: tuple[PossibleCause, ...], numbers: Floats
+        self, change: Floats, causes: tuple[PossibleCause, ...], parameters: Floats
     ) -> Explanation:
-        unexplained = change - self._change(causes, numbers)
+        unexplained = change - self._change(causes, parameters)
         nuisances = self._posterior @ unexplained.ravel()
         remainder = unexplained - (nuisances @ self._nuisance_changes).reshape(unexplained.shape)
         brightness = _WHITE_SPREAD * float(nuisances[0])
         slope = _TILT_SPREAD * nuisances[1:3]
         levels = _LEVEL_SPREAD * nuisances[3 : 3 + len(change)]
-        with_numbers, first = [], 0
+        with_parameters, first = [], 0
         for cause in causes:
-            cause_numbers = numbers[first : first + len(cause.spreads)]
-            first += len(cause_numbers)
-            with_numbers.append((cause, cause_numbers))
+            cause_parameters = parameters[first : first + len(cause.spreads)]
+            first += len(cause_parameters)
+            with_parameters.append((cause, cause_parameters))
             if cause.kind == "led level" and cause.light is not None:
-                levels[cause.light] += cause_numbers[0]
+                levels[cause.light] += cause_parameters[0]
             elif cause.kind == "exposure":
-                brightness += float(cause_numbers[0])
+                brightness += float(cause_parameters[0])
             elif cause.kind == "sheet tilted":
-                slope += cause_numbers
+                slope += cause_parameters
         shared = remainder.mean(axis=0)
         residual = float(np.sqrt(np.square(remainder - shared).mean()))
         unevenness = SIGMA_PER_MAD * float(np.median(np.abs(shared)))
-        return Explanation(tuple(with_numbers), levels, brightness, slope, residual, unevenness)
+        return Explanation(tuple(with_parameters), levels, brightness, slope, residual, unevenness)
 
     def _nuisances(self) -> Iterator[Floats]:
-        """(N B,) changes that need no cause, in standard deviations: brightness, slope, levels,
-        others.
+        """Yield the changes (N B,) by one standard deviation of every nuisance, which need no
+        cause. `_explanation` relies on their order: brightness, slopes, levels, others.
         """
         x, y, one = self._x, self._y, np.ones_like(self._x)
         along_x, along_y = self._tangents.T[..., None]
@@ -219,45 +220,49 @@ class DriftModel:
             yield PossibleCause("light moved", light, (0.2, 0.2, 0.2), self._light_change(light))
         yield PossibleCause("camera moved", None, (0.3, 0.3, 0.2), self._camera_change)
         yield PossibleCause("lens", None, (0.2, 0.1, 0.05), self._lens_change)
-        yield PossibleCause("exposure", None, (0.7,), lambda numbers: self._even(numbers[0]))
+        yield PossibleCause("exposure", None, (0.7,), self._exposure_change)
         yield PossibleCause("sheet tilted", None, (0.15, 0.15), self._tilt_change)
 
-    def _even(self, values: npt.ArrayLike) -> Floats:
-        """(N, B) the same value in all blocks."""
+    def _all_blocks(self, values: npt.ArrayLike) -> Floats:
+        """Broadcast a value, or one for each light (N, 1), to (N, B)."""
         return np.zeros_like(self._strengths) + np.asarray(values, np.float64)
+
+    def _exposure_change(self, parameters: Floats) -> Floats:
+        """Parameters: logarithm of the brightness of all lights."""
+        return self._all_blocks(parameters[0])
 
     def _level_change(self, light: int) -> Callable[[Floats], Floats]:
         single_light = np.eye(len(self.positions))[:, light, None]
-        return lambda numbers: self._even(numbers[0] * single_light)
+        return lambda parameters: self._all_blocks(parameters[0] * single_light)
 
     def _light_change(self, light: int) -> Callable[[Floats], Floats]:
-        """Numbers: two angles in radians, and the logarithm of the distance."""
+        """Parameters: two angles in radians, and the logarithm of the distance."""
 
-        def change(numbers: Floats) -> Floats:
-            moved = self._even(0.0)
-            position = moved_light(self.positions[light], numbers)
+        def change(parameters: Floats) -> Floats:
+            moved = self._all_blocks(0.0)
+            position = moved_light(self.positions[light], parameters)
             moved[light] = self._strength(position, self._x, self._y) - self._strengths[light]
             return moved
 
         return change
 
-    def _camera_change(self, numbers: Floats) -> Floats:
-        """Numbers: shift along x and y, angle in radians anticlockwise, of the camera."""
-        cosine, sine = np.cos(numbers[2]), np.sin(numbers[2])
-        x = cosine * self._x - sine * self._y + numbers[0]
-        y = sine * self._x + cosine * self._y + numbers[1]
+    def _camera_change(self, parameters: Floats) -> Floats:
+        """Parameters: shift along x and y, angle in radians anticlockwise, of the camera."""
+        cosine, sine = np.cos(parameters[2]), np.sin(parameters[2])
+        x = cosine * self._x - sine * self._y + parameters[0]
+        y = sine * self._x + cosine * self._y + parameters[1]
         return self._all_strengths(x, y) - self._strengths
 
-    def _lens_change(self, numbers: Floats) -> Floats:
-        """Numbers: logarithm of the magnification, vignetting by radius^2 and radius^4."""
-        field = float(np.exp(-numbers[0]))
-        vignetting = numbers[1] * self._radius_2 + numbers[2] * self._radius_2**2
+    def _lens_change(self, parameters: Floats) -> Floats:
+        """Parameters: logarithm of the magnification, vignetting by radius^2 and radius^4."""
+        field = float(np.exp(-parameters[0]))
+        vignetting = parameters[1] * self._radius_2 + parameters[2] * self._radius_2**2
         magnified = self._all_strengths(field * self._x, field * self._y)
         return np.asarray(magnified - self._strengths + vignetting, np.float64)
 
-    def _tilt_change(self, numbers: Floats) -> Floats:
-        """Numbers: slope of the sheet along x and y; its middle stays in place."""
-        return self._all_strengths(self._x, self._y, numbers) - self._strengths
+    def _tilt_change(self, parameters: Floats) -> Floats:
+        """Parameters: slope of the sheet along x and y; its middle stays in place."""
+        return self._all_strengths(self._x, self._y, parameters) - self._strengths
 
     def _all_strengths(self, x: Floats, y: Floats, slope: Floats = _NO_SLOPE) -> Floats:
         return np.array([self._strength(position, x, y, slope) for position in self.positions])
@@ -287,19 +292,20 @@ def led_strength(
     return np.asarray(light, np.float64)
 
 
-def moved_light(position: Floats, numbers: Floats) -> Floats:
+def moved_light(position: Floats, parameters: Floats) -> Floats:
     """(3,) position after rotation along the tilt, raising (radians) and a change of distance."""
     distance = float(np.linalg.norm(position))
     towards = position / distance
     across = np.array([-towards[1], towards[0], 0.0])
     length = float(np.linalg.norm(across))
     across = across / length if length > 1e-9 else np.array([1.0, 0.0, 0.0])
-    moved = towards + numbers[0] * across + numbers[1] * np.cross(towards, across)
+    moved = towards + parameters[0] * across + parameters[1] * np.cross(towards, across)
     moved[2] = max(moved[2], _MIN_LIGHT_Z)
-    return np.asarray(moved * (distance * np.exp(numbers[2]) / np.linalg.norm(moved)), np.float64)
+    new_distance = distance * np.exp(parameters[2])
+    return np.asarray(moved * (new_distance / np.linalg.norm(moved)), np.float64)
 
 
-def _without(numbers: Floats, causes: Sequence[PossibleCause], place: int) -> Floats:
-    """Remove the numbers of the cause at `place`."""
+def _without(parameters: Floats, causes: Sequence[PossibleCause], place: int) -> Floats:
+    """Remove the parameters of the cause at `place`."""
     ends = np.cumsum([len(cause.spreads) for cause in causes])
-    return np.delete(numbers, slice(ends[place] - len(causes[place].spreads), ends[place]))
+    return np.delete(parameters, slice(ends[place] - len(causes[place].spreads), ends[place]))

@@ -38,7 +38,7 @@ _INNER_RANGE = (0.1, 0.9)
 _SCALE_WEIGHT = 1e3
 # Limits of the exponent of the power law below the measured values.
 _EXPONENTS = (0.25, 4.0)
-# Gamma and sRGB curves need five exposures; one more is left to contradict a wrong one.
+# Gamma and sRGB curves need five exposures; a sixth shows that one of them is wrong.
 _MIN_EXPOSURES = 6
 # Least ratio of the longest to the shortest exposure, see _MIN_RISE.
 _MIN_RATIO = 4.0
@@ -52,7 +52,7 @@ _MIN_RISE = 0.2
 _MAX_FALL = 0.005
 # Shares of full scale. One exposure that is 5 % wrong gives a median residual of 0.2 to 2.5 %, and
 # exact exposures at most 0.04 %. Blocks scatter by noise: with a larger rms residual the curve
-# would miss the 0.5 % asked for.
+# would miss the required accuracy of 0.5 %.
 _MAX_MEDIAN, _MAX_ERROR = 0.002, 0.005
 # A camera is linear up to the larger of two departures from a straight line: a share of full scale,
 # which changes the solved slopes by less than 0.1 degrees
@@ -86,7 +86,7 @@ def response_of(values: Floats, exposures_ms: Floats, full_scale: float) -> Expo
     times, levels = times[order], values[order] / full_scale
     levels = np.where(levels < 1.0, levels, np.nan)
     _check_levels(levels[:, np.isfinite(levels).any(axis=0)], times)
-    # A block with one exposure alone says nothing.
+    # A block constrains the curve only if it has two exposures.
     levels = levels[:, np.isfinite(levels).sum(axis=0) > 1]
     fit = _Fit.of(levels, times)
     if not fit.is_consistent:
@@ -185,7 +185,8 @@ class _Fit:
         mean_slope = 1.0 / float(np.ptp(inner))
         knots = np.pad(breakpoints, _DEGREE, mode="edge")
         pieces = _PIECES + _DEGREE
-        # Sums of B-splines from one to the last: with factors of 0 or more they never fall.
+        # I-splines, the sums of the B-splines from the kth to the last: with factors of 0 or more
+        # the curve never falls.
         steps = BSpline(knots, np.tri(pieces)[:, 1:], _DEGREE)
         slope = steps.derivative()
         filled = np.where(measured, levels, lowest)
@@ -206,11 +207,12 @@ class _Fit:
         factors = np.zeros(pieces)
         for _ in range(_ROUNDS):
             weights = measured / slopes / np.sqrt(measured.sum())
-            # Eliminate the strengths of the blocks by partial regression (Frisch and Waugh 1933).
-            by_time = np.square(weights) * times[:, None]
-            shares = np.einsum("en,enq->nq", by_time, terms)
-            shares /= (by_time * times[:, None]).sum(axis=0)[:, None]
-            rows = weights[..., None] * (terms - times[:, None, None] * shares)
+            # Eliminate the strengths of the blocks by partial regression (Frisch and Waugh 1933):
+            # they are `strength_terms` times the factors.
+            weights_by_time = np.square(weights) * times[:, None]
+            strength_terms = np.einsum("en,enq->nq", weights_by_time, terms)
+            strength_terms /= (weights_by_time * times[:, None]).sum(axis=0)[:, None]
+            rows = weights[..., None] * (terms - times[:, None, None] * strength_terms)
             upper = np.linalg.qr(rows.reshape(-1, pieces), mode="r")
             system = np.concatenate([upper, roughness / knot_slopes[:, None], scale])
             target = np.r_[np.zeros(len(system) - 1), _SCALE_WEIGHT]
@@ -221,7 +223,7 @@ class _Fit:
             )
             if np.abs(factors - before).max() < _SETTLED:
                 break
-        strengths = shares @ factors
+        strengths = strength_terms @ factors
         residuals = (terms @ factors - times[:, None] * strengths) / slopes
         residuals[~measured] = np.nan
         spline = BSpline(knots, np.r_[0.0, np.cumsum(factors[1:])], _DEGREE)
@@ -278,13 +280,13 @@ def _cause(levels: Floats, times: Floats, fit: _Fit) -> str:
     for left_out in exposures if len(exposures) > _MIN_EXPOSURES else ():
         others = np.delete(np.arange(len(times)), left_out)
         enough = np.isfinite(levels[others]).sum(axis=0) > 1
-        rest = _Fit.of(levels[np.ix_(others, enough)], times[others])
-        if rest.is_consistent and rest.error < best.error:
-            best = rest
-            acted = rest.exposure_of(levels[left_out, enough]) * times[others].max()
+        refit = _Fit.of(levels[np.ix_(others, enough)], times[others])
+        if refit.is_consistent and refit.error < best.error:
+            best = refit
+            effective_ms = refit.exposure_of(levels[left_out, enough]) * times[others].max()
             cause = (
-                f"an exposure of {times[left_out]:g} ms acts as one of {acted:.3g} ms; the camera "
-                "does not keep its exposure, or the light flickers"
+                f"an exposure of {times[left_out]:g} ms acts as one of {effective_ms:.3g} ms; the "
+                "camera does not keep its exposure, or the light flickers"
             )
     if best is not fit:
         return cause

@@ -88,12 +88,13 @@ def _of_placement(
     logs = np.log(np.where(good, values, 1.0))
     common = logs.mean(axis=0)
     ratio = logs - common
-    away = _deviation(ratio, good)
-    relief = SIGMA_PER_MAD * np.sqrt(np.square(np.nan_to_num(_median(np.abs(away)))).mean(axis=0))
-    unevenness = _deviation(common, good)
-    grain = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(unevenness)))
-    clean = good & (np.abs(unevenness) <= _DUST_DEVIATIONS * grain[..., None] + 1e-9)
-    for light in away:
+    ratio_deviations = _deviation(ratio, good)
+    ratio_scatter = np.nan_to_num(_median(np.abs(ratio_deviations)))
+    relief = SIGMA_PER_MAD * np.sqrt(np.square(ratio_scatter).mean(axis=0))
+    common_deviations = _deviation(common, good)
+    grain = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(common_deviations)))
+    clean = good & (np.abs(common_deviations) <= _DUST_DEVIATIONS * grain[..., None] + 1e-9)
+    for light in ratio_deviations:
         spread = SIGMA_PER_MAD * np.nan_to_num(_median(np.abs(light)))[..., None]
         clean &= np.abs(light) <= _DUST_DEVIATIONS * spread + 1e-9
     count = clean.sum(axis=-1)
@@ -224,16 +225,16 @@ def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Robust polynomials (C, 7, 7) of the values (S, C, 32, 32) of S placements."""
+    """Robust polynomials of the values (S, C, 32, 32) of S placements."""
 
-    coefficients: Floats
+    coefficients: Floats  # (C, 7, 7)
     degree: int
-    residual: float
-    error: float
-    unused: float
-    means: Floats
-    weights: Floats
-    offsets: Floats
+    residual: float  # robust standard deviation
+    error: float  # standard error of the polynomials
+    unused: float  # share of the blocks with weight 0
+    means: Floats  # (C, 32, 32) of the placements
+    weights: Floats  # (32, 32)
+    offsets: Floats  # (S, C) of the placements from their mean
 
     @classmethod
     def of(cls, values: Floats, blocks: PlateBlocks) -> "_Fit":
@@ -253,19 +254,19 @@ class _Fit:
         fitted = _evaluated(coefficients, chosen, bases[chosen])
         means, weights, offsets, scale = _combined(targets - fitted, usable)
         counts = np.maximum(usable.sum(axis=0), 1.0)
-        plain = ((targets - fitted - offsets[..., None, None]) * usable[:, None]).sum(
+        plain_means = ((targets - fitted - offsets[..., None, None]) * usable[:, None]).sum(
             axis=0
         ) / counts
-        counted = float(weights.sum()) / max(float(weights.max()), _TINY)
+        effective_blocks = float(weights.sum()) / max(float(weights.max()), _TINY)
         terms = bases[chosen].shape[-1]
         return cls(
             coefficients,
             chosen,
             scale,
-            # 1 - _BETTER: a bias remains where the next degree is better, but not clearly.
-            scale * float(np.sqrt(terms / max(counted, 1.0) + 1.0 - _BETTER)),
+            # 1 - _BETTER: the bias that remains if the next degree is better by less than that.
+            scale * float(np.sqrt(terms / max(effective_blocks, 1.0) + 1.0 - _BETTER)),
             1.0 - float((weights > 0.0).sum()) / max(float((usable.sum(axis=0) > 0).sum()), 1.0),
-            _unfolded(fitted + np.where(weights > 0.0, means, plain)),
+            _unfolded(fitted + np.where(weights > 0.0, means, plain_means)),
             _unfolded(weights),
             offsets,
         )

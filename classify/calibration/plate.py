@@ -36,8 +36,8 @@ _MAX_UNEXPLAINED_DIRECTIONS, _MAX_UNEXPLAINED_LEVELS = 0.5, 0.05
 # Positions with larger standard errors are no better than the configured directions. An error of
 # 20 % in the distance changes normals less than an error of 3 degrees in the direction does.
 _MAX_DIRECTION_ERROR_DEG, _MAX_DISTANCE_ERROR = 3.0, 0.2
-# Largest residual of the model of LEDs: sheets have 0.03 %, `gelsight_groove6` 0.8 %, a broad
-# highlight of 30 % has 2.8 %.
+# Largest residual of the model of LEDs: sheets have 0.03 %, the photographs `gelsight_groove6`
+# have 0.8 %, a broad highlight of 30 % has 2.8 %.
 _MAX_RESIDUAL = 0.015
 # cos(88 degrees): no solver can use lights below this elevation.
 _MIN_LIGHT_Z = 0.035
@@ -45,7 +45,7 @@ _MIN_LIGHT_Z = 0.035
 # assumed tilt of a single placement.
 _TABLE_DEG, _REMAINING_TILT = 0.3, 0.17
 _SINGLE_TILT_DEG = 1.0
-_REPEATED = "ps4rig calibrate dark, which adds the exposure, and this command"
+_COMMANDS_TO_REPEAT = "ps4rig calibrate dark, which adds the exposure, and this command"
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,11 +93,11 @@ def measure_plate(
         reason = _why_unknown(positions)
         return MeasuredPlate(fitted, None, reason, tilts_deg, brightness, is_moved)
     if is_moved:
-        level_deg = np.hypot(_TABLE_DEG, _REMAINING_TILT * tilts_deg.max())
+        levelling_error_deg = np.hypot(_TABLE_DEG, _REMAINING_TILT * tilts_deg.max())
     else:
-        level_deg = np.hypot(_SINGLE_TILT_DEG, common_deg)
+        levelling_error_deg = np.hypot(_SINGLE_TILT_DEG, common_deg)
     lights = CalibratedLights(
-        measured, "plate", np.hypot(positions.direction_errors_deg, level_deg),
+        measured, "plate", np.hypot(positions.direction_errors_deg, levelling_error_deg),
         positions.distance_errors, positions.residual, positions.lobe_exponent,
     )  # fmt: skip
     return MeasuredPlate(fitted, lights, None, tilts_deg, brightness, is_moved)
@@ -129,7 +129,7 @@ def _check_exposure(blocks: PlateBlocks) -> None:
         raise CalibrationRejected(
             f"light {light} saturates {share:.1%} of the sheet; lower camera.exposure_ms in "
             f"rig.toml, or the level of LED {light} (simulation.led_levels of a simulated rig); "
-            f"then repeat {_REPEATED}"
+            f"then repeat {_COMMANDS_TO_REPEAT}"
         )
     placement, light = np.unravel_index(blocks.levels.argmin(), blocks.levels.shape)
     level = blocks.levels[placement, light]
@@ -137,7 +137,7 @@ def _check_exposure(blocks: PlateBlocks) -> None:
         raise CalibrationRejected(
             f"too dark: the sheet reaches {level:.1%} of full scale under light {light}; raise "
             f"camera.exposure_ms in rig.toml until it reaches {_MIN_BRIGHTNESS:.0%} or more, then "
-            f"repeat {_REPEATED}"
+            f"repeat {_COMMANDS_TO_REPEAT}"
         )
     share = blocks.usable.mean(axis=(1, 2)).min()
     if share < _MIN_SHEET_SHARE:
@@ -171,8 +171,8 @@ def _why_unknown(positions: LedPositions) -> str:
 
 
 def _tilts_deg(offsets: Floats, lighting: Lighting) -> Floats:
-    """(S,) tilts of the sheet from (S, N) changes of log brightness: slopes a brighten a light by 1
-    - a . l_xy / l_z.
+    """(S,) tilts of the sheet from (S, N) changes of log brightness: a sheet of slopes a is
+    1 - a . l_xy / l_z times as bright under a light.
     """
     tangents = lighting.directions[:, :2] / lighting.directions[:, 2:]
     centred = tangents - tangents.mean(axis=0)
@@ -185,24 +185,26 @@ def _tilts_deg(offsets: Floats, lighting: Lighting) -> Floats:
 def _checked_tilt_deg(
     tilts_deg: Floats, fitted: FittedFlatField, measured: Lighting | None, configured: Lighting
 ) -> float:
-    """Check the tilts; return the one that all share, by measured less configured lights."""
+    """Check the tilts; return the tilt that all placements share, estimated from the difference of
+    the measured and the configured lights.
+    """
     if tilts_deg.max() > _MAX_TILT_DEG:
         raise CalibrationRejected(
             f"the sheet is tilted by {tilts_deg.max():.1f} degrees; lay it flat, to "
             f"{_MAX_TILT_DEG:g} degrees"
         )
     if measured is not None:
-        alone_deg, most_deg = _common_tilt_deg(measured, configured), _MAX_TILT_ALONE_DEG
+        tilt_deg, limit_deg = _common_tilt_deg(measured, configured), _MAX_TILT_ALONE_DEG
     else:
         levels = fitted.flat_field.coefficients[:, 0, 0]
-        alone_deg = _tilt_of_levels_deg(levels - levels.mean(), configured)
-        most_deg = _MAX_TILT_BY_LEVELS_DEG
-    if alone_deg > most_deg:
+        tilt_deg = _tilt_of_levels_deg(levels - levels.mean(), configured)
+        limit_deg = _MAX_TILT_BY_LEVELS_DEG
+    if tilt_deg > limit_deg:
         raise CalibrationRejected(
-            f"the sheet is tilted by about {alone_deg:.0f} degrees, or the lights do not stand as "
+            f"the sheet is tilted by about {tilt_deg:.0f} degrees, or the lights do not stand as "
             "configured; lay it flat, and check the tilts and slants of the lights"
         )
-    return alone_deg
+    return tilt_deg
 
 
 def _common_tilt_deg(measured: Lighting, configured: Lighting) -> float:
@@ -211,8 +213,8 @@ def _common_tilt_deg(measured: Lighting, configured: Lighting) -> float:
     # A small rotation w adds w x l to every direction l.
     design = np.concatenate([-_cross(direction) for direction in configured.directions])
     rotation, *_ = np.linalg.lstsq(design, change.ravel(), rcond=None)
-    left = change.ravel() - design @ rotation
-    if np.square(left).sum() > _MAX_UNEXPLAINED_DIRECTIONS * np.square(change).sum():
+    residual = change.ravel() - design @ rotation
+    if np.square(residual).sum() > _MAX_UNEXPLAINED_DIRECTIONS * np.square(change).sum():
         return 0.0
     return float(np.degrees(np.hypot(rotation[0], rotation[1])))
 
@@ -229,8 +231,8 @@ def _tilt_of_levels_deg(levels: Floats, configured: Lighting) -> float:
     tangents = configured.directions[:, :2] / configured.directions[:, 2:]
     centred = tangents - tangents.mean(axis=0)
     slopes, *_ = np.linalg.lstsq(-centred, levels, rcond=None)
-    left = levels + centred @ slopes
-    if np.square(left).sum() > _MAX_UNEXPLAINED_LEVELS * np.square(levels).sum():
+    residual = levels + centred @ slopes
+    if np.square(residual).sum() > _MAX_UNEXPLAINED_LEVELS * np.square(levels).sum():
         return 0.0
     return float(np.degrees(np.arctan(np.linalg.norm(slopes))))
 
@@ -246,21 +248,22 @@ def _check_surface(fitted: FittedFlatField) -> None:
 
 
 def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lighting) -> None:
-    """Reject a sheet that is brighter on the side of each light, as a mirror is."""
+    """Reject a shiny sheet, which has a highlight on the side of each light."""
     size = positions.residuals.shape[-1]
     x, y = (axis.reshape(size, -1).mean(axis=1) for axis in (blocks.x, blocks.y))
     shiny = []
     for light, excess in enumerate(positions.residuals):
-        hot = np.where(
+        highlight = np.where(
             _pooled(np.asarray(blocks.usable.all(axis=0)), size) & (excess > _MAX_GLOSS_EXCESS),
             excess,
             0,
         )
-        total = hot.sum()
+        total = highlight.sum()
         towards = lighting.directions[light, :2]
         towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
-        along = hot.sum(axis=0) @ x * towards[0] + hot.sum(axis=1) @ y * towards[1]
-        if total > 0.0 and along / total > _MAX_SIDE_SHARE:
+        moment_x, moment_y = highlight.sum(axis=0) @ x, highlight.sum(axis=1) @ y
+        offset = moment_x * towards[0] + moment_y * towards[1]
+        if total > 0.0 and offset / total > _MAX_SIDE_SHARE:
             shiny.append(light)
     if len(shiny) > _MAX_SHINY_SHARE * len(positions.residuals):
         raise CalibrationRejected(

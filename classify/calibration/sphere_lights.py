@@ -48,8 +48,8 @@ class _Highlight(NamedTuple):
     direction: Floats  # (3,) of the light
 
     @classmethod
-    def of(cls, pixels: Indices, change: Floats, weights: Floats, towards: Floats) -> Self:
-        direction = weights[pixels] @ towards[pixels]
+    def of(cls, pixels: Indices, change: Floats, weights: Floats, reflected: Floats) -> Self:
+        direction = weights[pixels] @ reflected[pixels]
         direction /= np.linalg.norm(direction)
         return cls(float(change[pixels].sum()), pixels, weights[pixels], direction)
 
@@ -57,26 +57,26 @@ class _Highlight(NamedTuple):
 def mirror_directions(
     images: Array, sphere: Sphere, ambient: Array | None = None
 ) -> tuple[Floats, Floats, Floats, list[str]]:
-    """(N, 3) directions l = 2 (n . v) n - v of lights by a mirror sphere, mean over the highlight;
-    errors_deg, (N, 3) points, doubts.
+    """Directions of lights (N, 3) from a mirror sphere: l = 2 (n . v) n - v, mean over the
+    highlight. Also their errors in degrees, reflecting points (N, 3) and doubts.
     """
     rows, columns = sphere.pixels(_USED_RADIUS)
     top, left = int(rows.min()), int(columns.min())
     values = images[:, rows, columns].astype(np.float64)
     dark_images = () if ambient is None else (ambient[rows, columns].astype(np.float64),)
     normals, views = sphere.surface_at(columns, rows)
-    towards = 2.0 * (normals * views).sum(axis=1)[:, None] * normals - views
+    reflected = 2.0 * (normals * views).sum(axis=1)[:, None] * normals - views
     shape = (int(rows.max()) - top + 1, int(columns.max()) - left + 1)
     directions, errors, points, doubts = [], [], [], []
     for light in range(len(values)):
-        room = _room([*np.delete(values, light, axis=0), *dark_images], values[light])
-        change = values[light] - room
-        share, least = _lit_share(values[light], room, light)
+        background = _background([*np.delete(values, light, axis=0), *dark_images], values[light])
+        change = values[light] - background
+        share, threshold = _lit_share(values[light], background, light)
         is_lit = np.zeros(shape, np.bool_)
-        is_lit[rows - top, columns - left] = share > least
+        is_lit[rows - top, columns - left] = share > threshold
         labels = ndimage.label(is_lit, np.ones((3, 3)))[0][rows - top, columns - left]
         highlights = [
-            _Highlight.of(pixels, change, share - least, towards)
+            _Highlight.of(pixels, change, share - threshold, reflected)
             for number in range(1, int(labels.max()) + 1)
             for pixels in [np.flatnonzero(labels == number)]
             if share[pixels].max() >= _MIN_PEAK
@@ -103,32 +103,34 @@ def mirror_directions(
             )
         normal = direction + weights @ views[pixels] / weights.sum()
         normal /= np.linalg.norm(normal)
-        spread = np.sqrt(weights @ ((towards[pixels] - direction) ** 2).sum(axis=1) / weights.sum())
+        squares = ((reflected[pixels] - direction) ** 2).sum(axis=1)
+        spread = np.sqrt(weights @ squares / weights.sum())
         n_z = max(float(normal[2]), 0.1)
         # Per px, n rotates by 1 / (radius n_z), and l by twice as much.
-        outline, pixel = (
+        outline_error, centre_error = (
             2.0 * px / sphere.radius_px / n_z for px in (sphere.error_px, _CENTRE_ERROR_PX)
         )
-        errors.append(np.degrees(np.sqrt(outline**2 + pixel**2 + (_CENTRE_SHARE * spread) ** 2)))
+        error = np.linalg.norm([outline_error, centre_error, _CENTRE_SHARE * spread])
+        errors.append(np.degrees(error))
         directions.append(direction)
         points.append(sphere.centre + sphere.radius_px * normal)
     return np.array(directions), np.array(errors), np.array(points), doubts
 
 
-def _room(others: Sequence[Floats], values: Floats) -> Floats:
-    """Image of the room without this light: median of the other images, minimum of up to two."""
+def _background(others: Sequence[Floats], values: Floats) -> Floats:
+    """Image without this light: median of the other images, or minimum of one or two."""
     if not others:
         return np.full(values.shape, np.median(values))
     return np.asarray(np.median(others, axis=0) if len(others) > 2 else np.min(others, axis=0))
 
 
-def _lit_share(values: Floats, room: Floats, light: int) -> tuple[Floats, float]:
+def _lit_share(values: Floats, background: Floats, light: int) -> tuple[Floats, float]:
     """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight."""
-    change = values - room
+    change = values - background
     highest = float(change.max())
     middle = float(np.median(change))
     scatter = SIGMA_PER_MAD * float(np.median(np.abs(change - middle)))
-    # Values of one digit have no scatter, and are uncertain by one.
+    # Without scatter, integer values are still uncertain by one digit.
     noise = max(scatter, 1.0 if float(values.max()) > 1.0 else 0.0)
     if highest - middle < _MIN_CONTRAST * noise or highest <= 0.0:
         raise CalibrationRejected(
@@ -137,10 +139,10 @@ def _lit_share(values: Floats, room: Floats, light: int) -> tuple[Floats, float]
         )
     bright = values[change >= 0.5 * highest]
     is_clipped = (bright == bright.max()).sum() > 1
-    share = change / (np.maximum(bright.max() - room, 1e-9) if is_clipped else highest)
+    share = change / (np.maximum(bright.max() - background, 1e-9) if is_clipped else highest)
     is_changed = change > _MIN_CHANGE * noise + middle
-    least = _CLIPPED_HIGHLIGHT if is_clipped else _HIGHLIGHT
-    return np.where(is_changed, np.clip(share, 0.0, 1.0), 0.0), least
+    threshold = _CLIPPED_HIGHLIGHT if is_clipped else _HIGHLIGHT
+    return np.where(is_changed, np.clip(share, 0.0, 1.0), 0.0), threshold
 
 
 # Share of the radius that is used. Near the outline its error changes the normal most: 0.2 px of
@@ -175,12 +177,13 @@ _WORST_RESIDUAL = 0.12
 def matte_directions(
     images: Array, sphere: Sphere, full_scale: float, vignetting: float | None = None
 ) -> tuple[Floats, Floats, Floats, float]:
-    """(N, 3) directions by the shading of a matt sphere, a cubic in n . l times `vignetting` (loss
-    in the corners, None: fitted); errors, levels, residual.
+    """Directions of lights (N, 3) from the shading of a matt sphere: a cubic in n . l times the
+    vignetting, whose loss in the corners is fitted if None. Also errors in degrees, levels and
+    residual.
     """
     rows, columns = sphere.pixels(_SHADED_SHARE)
-    every = -(-len(rows) // _MAX_PIXELS)
-    rows, columns = rows[::every], columns[::every]
+    stride = -(-len(rows) // _MAX_PIXELS)
+    rows, columns = rows[::stride], columns[::stride]
     normals, _ = sphere.surface_at(columns, rows)
     middle = 0.5 * (np.array(sphere.frame) - 1.0)
     squared = ((np.stack([rows, columns], axis=1) - middle) ** 2).sum(axis=1) / (middle @ middle)
@@ -206,9 +209,9 @@ def matte_directions(
                 "sphere; use a matt ball, and --sphere mirror for a polished one"
             )
         scatter = _jackknife_deg(sample.only(fit.lit), fit)
-        # A shifted outline turns all normals; those that face the camera by the least.
-        outline = np.degrees(sphere.error_px / sphere.radius_px) / max(fit.direction[2], 0.3)
-        errors.append(float(np.linalg.norm([scatter, outline, _MODEL_DEG])))
+        # A shifted outline rotates all normals, least those that face the camera.
+        outline_error = np.degrees(sphere.error_px / sphere.radius_px) / max(fit.direction[2], 0.3)
+        errors.append(float(np.linalg.norm([scatter, outline_error, _MODEL_DEG])))
     levels = np.array([fit.level for fit in fits])
     residual = float(np.sqrt(np.mean([fit.residual**2 for fit in fits])))
     directions = np.array([fit.direction for fit in fits])
@@ -259,10 +262,10 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
     for _ in range(2):
         direction, share = _refined(samples.only(lit), direction, vignetting)
         lit = _fitting_pixels(samples, direction, share, lit)
-    coefficients, off = _shading(normals[lit] @ direction, samples.flat(share)[lit])
+    coefficients, residuals = _shading(normals[lit] @ direction, samples.flat(share)[lit])
     level = max(float(np.polyval(coefficients, 1.0)), 1e-9)
     span = float(np.ptp(np.polyval(coefficients, np.linspace(_MIN_LIT_SHARE, 1.0, 16))))
-    residual = float(np.sqrt(np.mean(off**2))) / max(span, 1e-9)
+    residual = float(np.sqrt(np.mean(residuals**2))) / max(span, 1e-9)
     return _Fit(direction, share, level, residual, lit)
 
 
@@ -271,8 +274,8 @@ def _fitting_pixels(
 ) -> BoolArray:
     """Pixels that face the light and fit the shading to three robust deviations."""
     cosine, values = samples.normals @ direction, samples.flat(vignetting)
-    coefficients, off = _shading(cosine[lit], values[lit])
-    spread = SIGMA_PER_MAD * float(np.median(np.abs(off))) + 1e-3 * float(np.ptp(values))
+    coefficients, residuals = _shading(cosine[lit], values[lit])
+    spread = SIGMA_PER_MAD * float(np.median(np.abs(residuals))) + 1e-3 * float(np.ptp(values))
     far = np.abs(values - np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))) > 3.0 * spread
     fitting = np.asarray((cosine > _MIN_LIT_SHARE) & ~far)
     if fitting.mean() < _MIN_USED_SHARE:
@@ -291,21 +294,21 @@ def _shading(cosine: Floats, values: Floats) -> tuple[Floats, Floats]:
 
 def _refined(samples: _Samples, start: Floats, vignetting: float | None) -> tuple[Floats, float]:
     """Direction near `start` and vignetting with the least residual of the shading."""
-    side = np.linalg.svd(start[None])[2][1:]  # two vectors across the direction
+    across = np.linalg.svd(start[None])[2][1:]  # two vectors across the direction
 
     def stepped(step: Floats) -> Floats:
-        direction = start + step @ side
+        direction = start + step @ across
         return np.asarray(direction / np.linalg.norm(direction))
 
-    def off(values: Floats) -> Floats:
+    def residuals(values: Floats) -> Floats:
         share = float(values[2]) if vignetting is None else vignetting
         return _shading(samples.normals @ stepped(values[:2]), samples.flat(share))[1]
 
-    free = 3 if vignetting is None else 2
-    low, high = [-1.0, -1.0, _VIGNETTING[0]][:free], [1.0, 1.0, _VIGNETTING[1]][:free]
+    unknowns = 3 if vignetting is None else 2
+    low, high = [-1.0, -1.0, _VIGNETTING[0]][:unknowns], [1.0, 1.0, _VIGNETTING[1]][:unknowns]
     solution = optimize.least_squares(
-        off, np.zeros(free), bounds=(low, high), diff_step=1e-4, x_scale=[0.01, 0.01, 0.1][:free],
-        max_nfev=20,
+        residuals, np.zeros(unknowns), bounds=(low, high), diff_step=1e-4,
+        x_scale=[0.01, 0.01, 0.1][:unknowns], max_nfev=20,
     )  # fmt: skip
     return stepped(solution.x[:2]), float(solution.x[2]) if vignetting is None else vignetting
 

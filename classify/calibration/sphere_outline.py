@@ -26,7 +26,8 @@ _MIN_RADIUS_PX = 12.0
 _FINALISTS = 5
 _RAYS, _SECTORS, _EDGES_PER_RAY = 240, 8, 5
 _TRIALS = 240
-# Bands of radii in which edges are sought, and the tolerance, each as a share of the radius.
+# Rounds of a fit: width of the band of radii in which edges are searched, and tolerance, both as
+# shares of the radius.
 _COARSE, _FINE = ((0.15, 0.01), (0.08, 0.01)), ((0.05, 0.005),)
 _MIN_TOLERANCES_PX = {0.01: 1.0, 0.005: 0.5}
 # Rooms rendered without a sphere give 0 to 0.2, spheres in them 0.07 to 1
@@ -208,7 +209,7 @@ def _chosen(outlines: list[Outline]) -> Outline:
     def is_around(outline: Outline) -> bool:
         dx, dy, growth = (a - b for a, b in zip(outline.circle, best.circle, strict=True))
         apart, ratio = float(np.hypot(dx, dy)), outline.circle.radius / best.circle.radius
-        is_larger = apart < growth + 0.02 * outline.circle.radius and ratio > _OUTER_RADIUS
+        is_larger = apart < growth + _SAME_CENTRE * outline.circle.radius and ratio > _OUTER_RADIUS
         has_same_centre = apart < _SAME_CENTRE * outline.circle.radius and ratio > _LARGER
         return (is_larger or has_same_centre) and outline.score > _OUTER_SHARE * best.score
 
@@ -246,14 +247,14 @@ def _radial_edges(
     weights *= (columns > 0) & (columns < width - 1) & (rows > 0) & (rows < height - 1)
     middle = weights[:, 1:-1]
     peaks = np.where((middle >= weights[:, :-2]) & (middle > weights[:, 2:]), middle, 0.0)
-    at = np.argsort(-peaks, axis=1)[:, :_EDGES_PER_RAY] + 1
+    peak = np.argsort(-peaks, axis=1)[:, :_EDGES_PER_RAY] + 1
     ray = np.arange(_RAYS)[:, None]
-    before, here, after = weights[ray, at - 1], weights[ray, at], weights[ray, at + 1]
+    before, here, after = weights[ray, peak - 1], weights[ray, peak], weights[ray, peak + 1]
     curvature = np.minimum(before - 2.0 * here + after, -1e-12)
     # The top of the parabola through three values.
-    radius = radii[at] + step * np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
+    radius = radii[peak] + step * np.clip(0.5 * (before - after) / curvature, -0.5, 0.5)
     points = np.array(circle[:2]) + radius[..., None] * rays[:, None, :]
-    return points, peaks[ray, at - 1]
+    return points, peaks[ray, peak - 1]
 
 
 def _fitted(
@@ -263,9 +264,9 @@ def _fitted(
     rng = np.random.default_rng(0)
     circle, error_px, score = start, np.inf, 0.0
     rim = np.empty((0, 2))
-    for band, share in rounds:
+    for band, tolerance_share in rounds:
         band_px = max(band * start.radius, 4.0)
-        tolerance = max(_MIN_TOLERANCES_PX[share], share * start.radius)
+        tolerance = max(_MIN_TOLERANCES_PX[tolerance_share], tolerance_share * start.radius)
         points, weights = _radial_edges(features, circle, band_px)
         # Three rays about a third of the circumference apart.
         ray = rng.integers(0, _RAYS, (_TRIALS, 1)) + np.arange(3) * (_RAYS // 3)
@@ -277,7 +278,8 @@ def _fitted(
         scores = _scores(points, weights, trials, tolerance)
         circle = Circle(*map(float, trials[np.argmax(scores)]))
         for _ in range(3):
-            gain = weights * _nearness(_off(points, np.array([circle]))[0], tolerance) ** 2
+            distances = _signed_distances(points, np.array([circle]))[0]
+            gain = weights * _nearness(distances, tolerance) ** 2
             best = np.argmax(gain, axis=1)
             gains = gain.max(axis=1)
             if (gains > 0.0).sum() < 3 * _SECTORS:
@@ -290,22 +292,25 @@ def _fitted(
     return Outline(circle, rim, error_px, score)
 
 
-def _off(points: Floats, circles: Floats) -> Floats:
+def _signed_distances(points: Floats, circles: Floats) -> Floats:
     """Distances (circles, rays, k) of points outside circles; negative inside."""
     x, y, radius = circles.astype(np.float32).T[:, :, None, None]
     near = points.astype(np.float32)
     return np.asarray(np.sqrt((near[..., 0] - x) ** 2 + (near[..., 1] - y) ** 2) - radius)
 
 
-def _nearness(off: Floats, tolerance: float) -> Floats:
+def _nearness(distances: Floats, tolerance: float) -> Floats:
     """Weight of an edge by its distance from the circle; its square is Tukey's biweight."""
-    return np.asarray(np.maximum(1.0 - (off / tolerance) ** 2, 0.0))
+    return np.asarray(np.maximum(1.0 - (distances / tolerance) ** 2, 0.0))
 
 
 def _scores(points: Floats, weights: Floats, circles: Floats, tolerance: float) -> Floats:
-    """Share of each circle with edges, less half of those just outside; 1 all around."""
-    off = _off(points, circles)
-    on = (weights * _nearness(off, tolerance)).max(axis=2)
-    outside = np.where((off > tolerance) & (off < 8.0 * tolerance), weights, 0.0).max(axis=2)
+    """Scores of circles: share of the circumference with edges, less half of the share with edges
+    just outside; 1 for edges all around.
+    """
+    distances = _signed_distances(points, circles)
+    on = (weights * _nearness(distances, tolerance)).max(axis=2)
+    is_outside = (distances > tolerance) & (distances < 8.0 * tolerance)
+    outside = np.where(is_outside, weights, 0.0).max(axis=2)
     sectors = (on - 0.5 * outside).reshape(len(circles), _SECTORS, -1).mean(axis=2)
     return np.asarray(np.sqrt(np.maximum(sectors, 0.0)).mean(axis=1) ** 2)

@@ -26,12 +26,13 @@ class DefectMap:
     Attributes
     ----------
     relief
-        Spots and scratches of the relief: the highest alone, or their share in the sum.
+        Spots and scratches of the relief: the highest departure in units of its limit, or their
+        share in the sum of `score` if that is larger.
     albedo
         Spots and lines of the log albedo.
     texture
-        Local statistics: another texture, or a missing one. The highest alone, or half of their
-        share in the sum.
+        Local statistics: another texture, or a missing one. The highest departure in units of its
+        limit, or half of their share in the sum if that is larger.
     score
         The larger of two: the highest departure in units of its limit, and the sum of the evidence
         of all departures in units of the limit of the sum.

@@ -1,6 +1,7 @@
-"""Statistics of cells, and `DepartureModel`: how far they are from good parts, in seven departures.
+"""`DepartureModel`: how far a cell is from good parts, by seven measures, the departures.
 
-The statistics are those of slopes and log albedo in and around each cell, by octaves and windows.
+They are responses of matched filters, and distances of local statistics of slopes and log albedo,
+by octaves and by windows around the cell.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -36,17 +37,17 @@ _ENERGY_FLOOR = np.float32(1e-3)
 def _octave_statistics(white: tuple[HalfSpectrum, HalfSpectrum], weight: FloatMap) -> FloatMap:
     """(h, w, OCTAVE_STATISTICS) log energies of the gradient of white fields in each octave."""
     rows, columns = (side // HALF_CELL for side in weight.shape)
-    around = gaussian_mean(resized(weight * weight, rows, columns), _STATISTICS_CELLS)
-    around += np.float32(1e-3)
+    weights = gaussian_mean(resized(weight * weight, rows, columns), _STATISTICS_CELLS)
+    weights += np.float32(1e-3)
 
     def statistics(spectrum: HalfSpectrum) -> list[FloatMap]:
         level = np.asarray(scipy.fft.irfft2(spectrum, s=weight.shape), np.float32)
         values = []
         for number in range(_OCTAVES):
             energy = resized(_gradient_energies(level, HALF_CELL >> number or 1), rows, columns)
-            energy = gaussian_mean(energy, _STATISTICS_CELLS) / around
+            energy = gaussian_mean(energy, _STATISTICS_CELLS) / weights
             values.append(np.log(energy + 2 * _ENERGY_FLOOR))
-            # Not pyrDown: its pixels are not in the middle of those that they stand for.
+            # Not pyrDown, whose pixels lie half a fine pixel from the middle of the cell.
             blurred = np.asarray(cv2.GaussianBlur(level, (3, 3), 0), np.float32)
             level = resized(blurred, level.shape[0] // 2, level.shape[1] // 2)
         return values
@@ -56,7 +57,7 @@ def _octave_statistics(white: tuple[HalfSpectrum, HalfSpectrum], weight: FloatMa
 
 
 def _gradient_energies(level: FloatMap, pixels: int) -> FloatMap:
-    """(h, w) means of the squared gradient in squares."""
+    """(h, w) means of the squared gradient in blocks of `pixels` x `pixels`."""
     rows, columns = (side // pixels for side in level.shape)
     energies = np.empty((rows, columns), np.float32)
     run_on_rows(partial(_sum_energies, level, pixels, energies), (rows, level[:pixels].size))
@@ -65,7 +66,7 @@ def _gradient_energies(level: FloatMap, pixels: int) -> FloatMap:
 
 @kernel
 def _sum_energies(level: Array, pixels: int, energies: Array, first: int, stop: int) -> None:
-    """Means of rows of squares; Sobel gradients, which are 0 at the border."""
+    """Write the means of rows of blocks, from Sobel gradients, which are 0 at the border."""
     rows, columns = level.shape
     sums = np.empty(columns, np.float32)
     quarter, two = np.float32(0.25), np.float32(2.0)
@@ -102,8 +103,10 @@ _MIN_SHARE = np.float32(1e-3)
 
 
 def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
-    """(h, w, WINDOW_STATISTICS) around every cell, of each window log deviation of slopes,
-    anisotropy (cosine and sine of twice the direction), log deviation and mean of the log albedo.
+    """(h, w, WINDOW_STATISTICS) statistics of the windows around every cell.
+
+    Five for each window: the log standard deviation of slopes, their anisotropy (cosine and sine of
+    twice the direction), the log standard deviation and the mean of the log albedo.
     """
     angle = np.radians(2.0 * orientation_deg)
     c, s = np.float32(np.cos(angle)), np.float32(np.sin(angle))
@@ -115,9 +118,9 @@ def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
         _, p, q, a, pp, qq, pq, aa = means
         xx, yy, xy = pp - p * p, qq - q * q, pq - p * q
         total = np.maximum(xx + yy, _ROUNDING_VARIANCE)
-        even, odd = (xx - yy) / total, (xy + xy) / total
+        cosine, sine = (xx - yy) / total, (xy + xy) / total
         values += [
-            half * np.log(total), c * even + s * odd, c * odd - s * even,
+            half * np.log(total), c * cosine + s * sine, c * sine - s * cosine,
             half * np.log(np.maximum(aa - a * a, _ROUNDING_VARIANCE)), a,
         ]  # fmt: skip
     return np.stack(values, axis=-1)
@@ -132,7 +135,7 @@ def smoothed(squares: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
 
 
 def _mean_around(values: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
-    """Mean of the valid ones among a cell and its eight neighbours."""
+    """Mean of the valid cells among a cell and its eight neighbours."""
     share = valid.astype(np.float32)
     sums: Array = cv2.blur(values * share, (3, 3), borderType=cv2.BORDER_CONSTANT)
     around: Array = cv2.blur(share, (3, 3), borderType=cv2.BORDER_CONSTANT)
@@ -143,11 +146,13 @@ CENTRES = 200
 """Number of good cells in a model."""
 # Cells from which the centres are chosen, evenly from all parts.
 _MAX_CELLS = 20_000
-# Ridge on the variances, so that directions in which a few parts agree by chance do not decide.
+# Ridge on the variances, so that directions in which a few parts agree by chance do not dominate
+# the distances.
 _RIDGE = 0.01
-# Added to every variance: a statistic that is constant on all good parts must not decide.
+# Added to every variance, so that a statistic that is constant on all good parts does not dominate
+# the distances.
 _MIN_VARIANCE = 1e-6
-# Cells whose distances from all centres stay in the cache.
+# Cells per block of a matrix product; the distances of a block from all centres fit in the cache.
 _BLOCK = 512
 
 MomentSums = npt.NDArray[np.float64]
@@ -166,8 +171,8 @@ class GoodCells:
 
     @classmethod
     def of(cls, parts: Sequence[FloatMap]) -> Self:
-        """Choose from statistics (n, d) of cells the farthest from those chosen before (Gonzalez
-        1985).
+        """Choose the centres by farthest-first traversal (Gonzalez 1985), from the (n, d)
+        statistics of the cells of every part.
         """
         moments = np.sum([moment_sums(part) for part in parts], axis=0)
         moments = moments / moments[0, 0]
@@ -191,7 +196,7 @@ class GoodCells:
     def squared_distances(self, statistics: FloatMap) -> FloatMap:
         """(h, w) squared distances of (h, w, d) statistics from the nearest centre."""
         cells = (statistics.reshape(-1, statistics.shape[-1]) - self.mean) @ self.whitening
-        # |c - x|^2 = (|c|^2, -2 c) (1, x) + |x|^2, whose last term is alike for all centres.
+        # |c - x|^2 = (|c|^2, -2 c) (1, x) + |x|^2, whose last term is the same for all centres.
         squares = np.sum(self.centres**2, axis=1, keepdims=True)
         centres = np.concatenate([squares, -2.0 * self.centres], axis=1)
         extended = np.pad(cells, ((0, 0), (1, 0)), constant_values=1.0)
@@ -209,8 +214,8 @@ def moment_sums(samples: FloatMap) -> MomentSums:
 
 
 def unlike_halves(sums: Sequence[MomentSums]) -> tuple[list[int], list[int]]:
-    """Split two or more parts by the first principal component of their mean statistics: parts of
-    one batch are too alike to leave out one at a time.
+    """Split two or more parts at the median of the first principal component of their mean
+    statistics; parts of one batch are too similar for leave-one-out.
     """
     total = np.sum(sums, axis=0)
     total = total / total[0, 0]
@@ -221,8 +226,8 @@ def unlike_halves(sums: Sequence[MomentSums]) -> tuple[list[int], list[int]]:
     return lower.tolist(), upper.tolist()
 
 
-# Negative logarithms of the probabilities that a good cell exceeds the quantiles. 1.8 % exceed the
-# last: 56 cells of three parts of 256 px.
+# Negative logarithms of the probabilities that a good cell exceeds the quantiles. 1.8 % of the
+# cells exceed the last quantile: at least 56 cells, with three parts of 256 px.
 _STEP = 0.5
 _LEVELS = np.arange(0.0, 4.5, _STEP)
 QUANTILES = len(_LEVELS)
@@ -309,7 +314,7 @@ class DepartureModel:
                 np.maximum(out, response(weight)[: out.shape[0], : out.shape[1]], out=out)
             return departures
 
-        # Most arrays are too small to be shared out among threads themselves.
+        # Most arrays are too small to be split among threads, so whole tasks run in parallel.
         values, _ = map_in_threads(lambda task: task(), [statistics, add_responses])
 
         def add_distances(number: int) -> None:

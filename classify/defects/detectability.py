@@ -24,16 +24,16 @@ _SCRATCH_PX: Final = 40.0
 # Fewest and most places in which a defect is tried. It is tried in more until the ratio of the ends
 # of the 1-sigma interval of its strength is below `_PRECISE`; an even texture needs few.
 _MIN_PLACES, _MAX_PLACES, _PRECISE = 48, 256, 1.15
-# Side of the piece of a large part that is used: enough for 16 places.
+# Side of the middle of a large part, which alone is used: enough for 16 places.
 _SIDE_PX = 512
-# Spacing of the defects on one part, at which one does not change the score of another, and the
-# width of their random offset from a grid.
-_SPACING_PX, _MOVED_PX = 112.0, 16.0
-# Distance from a defect within which a cell can show it; share of valid pixels of a usable place.
+# Grid spacing of the defects on one part, at which no defect changes the score of another, and the
+# range of their random offsets from the grid.
+_SPACING_PX, _OFFSET_PX = 112.0, 16.0
+# Distance from a defect within which a cell can show it; least share of valid pixels of a place.
 _REACH_PX = 16.0
 _MIN_VALID_SHARE = 0.95
 # Weakest tried strength as a share of the strongest; number of bisections between them.
-_WEAKEST, _STEPS = 1.0 / 128.0, 5
+_WEAKEST_SHARE, _STEPS = 1.0 / 128.0, 5
 _MIN_SCORE = 1e-3
 
 _Kind = Literal["scratch", "dent", "stain"]
@@ -88,18 +88,20 @@ def detectability(
     limit: float = 1.0,
     defects: Sequence[KnownDefect] = DEFECTS,
 ) -> tuple[Detectability, ...]:
-    """Bisect the strength at which 9 of 10 defects in 48 to 256 places of good parts are found; for
-    one filter it is limit / d', d'^2 = sum |d(k)|^2 / S(k) (North 1943).
+    """Strengths at which 9 of 10 defects in 48 to 256 places of good parts are found, by bisection.
+
+    For a single matched filter the strength is limit / d', with d'^2 = sum |d(k)|^2 / S(k) for a
+    defect of spectrum d on a texture of power S (North 1943).
     """
-    draw = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     strengths: dict[KnownDefect, list[float]] = {defect: [] for defect in defects}
-    for whole, orientation_deg in parts:
-        part = _middle_of(whole)
-        unsettled = [defect for defect, known in strengths.items() if not _is_enough(known)]
+    for surface, orientation_deg in parts:
+        part = _middle_of(surface)
+        unsettled = [defect for defect, known in strengths.items() if not _has_enough_places(known)]
         if not unsettled:
             break
         for defect in unsettled:
-            places = places_for(part.shape, defect, draw)
+            places = places_for(part.shape, defect, rng)
             places = [place for place in places if _is_valid(part, defect, place)]
             if places:
                 strengths[defect] += _strengths(
@@ -113,13 +115,13 @@ def detectability(
 
 
 def stated_strength(strengths: Sequence[float]) -> float | None:
-    """Strength that `_FOUND_SHARE` of the places need at most; None if it is infinite."""
+    """The `_FOUND_SHARE` quantile of the strengths of the places; None if it is infinite."""
     strength = float(np.quantile(strengths, _FOUND_SHARE, method="higher"))
     return strength if math.isfinite(strength) else None
 
 
 def is_precise(strengths: Sequence[float]) -> bool:
-    """Whether one standard error of the stated strength is small, by its order statistics."""
+    """Whether the 1-sigma interval of the stated strength, by order statistics, is narrow."""
     ordered, count = np.sort(strengths), len(strengths)
     error = math.sqrt(_FOUND_SHARE * (1.0 - _FOUND_SHARE) * count)
     low, high = (
@@ -129,35 +131,35 @@ def is_precise(strengths: Sequence[float]) -> bool:
 
 
 def places_for(
-    shape: tuple[int, int], defect: KnownDefect, draw: np.random.Generator
+    shape: tuple[int, int], defect: KnownDefect, rng: np.random.Generator
 ) -> list[Place]:
-    """Places on a frame that do not disturb each other, at random angles."""
-    free = MARGIN_PX + 0.5 * defect.extent_px + 0.5 * _MOVED_PX
+    """Places on a jittered grid, so far apart that defects do not interact, at random angles."""
+    border_px = MARGIN_PX + 0.5 * defect.extent_px + 0.5 * _OFFSET_PX
     rows, columns = (
-        np.linspace(free, side - free, 1 + int((side - 2.0 * free) // _SPACING_PX))
+        np.linspace(border_px, side - border_px, 1 + int((side - 2.0 * border_px) // _SPACING_PX))
         for side in shape
     )
-    moved_px = 0.5 * _MOVED_PX
+    offset_px = 0.5 * _OFFSET_PX
     return [
         Place(
-            column + draw.uniform(-moved_px, moved_px),
-            row + draw.uniform(-moved_px, moved_px),
-            draw.uniform(0.0, 2.0 * np.pi),
+            column + rng.uniform(-offset_px, offset_px),
+            row + rng.uniform(-offset_px, offset_px),
+            rng.uniform(0.0, 2.0 * np.pi),
         )
         for row in rows.tolist()
         for column in columns.tolist()
     ]
 
 
-def least_found(
+def threshold_strengths(
     scores: Callable[[Floats], Floats],
     count: int,
     weakest: float,
     strongest: float,
     steps: int,
 ) -> Floats:
-    """Bisect the strengths at which the scores in `count` places are 1, and interpolate; infinity
-    if the strongest defect is not found.
+    """Strength at which the score reaches 1 in each of `count` places, by bisection and a last
+    interpolation; infinity where the strongest defect is not found.
     """
 
     def logs(strengths: Floats) -> Floats:
@@ -172,9 +174,9 @@ def least_found(
         is_found = score > 0.0
         below, above = np.where(is_found, below, score), np.where(is_found, score, above)
         low, high = np.where(is_found, low, middle), np.where(is_found, middle, high)
-    # A place where even the weaker ones are found has no lower score.
+    # `below` is NaN where the defect was found in every step: no lower score to interpolate from.
     share = np.where(np.isnan(below), 0.5, -below / np.maximum(above - below, _MIN_SCORE))
-    share = np.clip(share, 0.0, 1.0)  # beyond it only where nothing is found
+    share = np.clip(share, 0.0, 1.0)  # outside of it only where no defect is found
     return np.where(is_ever_found, np.exp(low + share * (high - low)), np.inf)
 
 
@@ -197,7 +199,7 @@ def with_stamps(
     return replace(part, p=p, q=q, albedo=albedo)
 
 
-def _is_enough(strengths: Sequence[float]) -> bool:
+def _has_enough_places(strengths: Sequence[float]) -> bool:
     count = len(strengths)
     return count >= _MAX_PLACES or (count >= _MIN_PLACES and is_precise(strengths))
 
@@ -231,7 +233,8 @@ def _strengths(
         return scores_at(defect_map.score, defect, places) / limit
 
     strongest = defect.strongest
-    return [*least_found(scores, len(places), _WEAKEST * strongest, strongest, _STEPS)]
+    weakest = _WEAKEST_SHARE * strongest
+    return [*threshold_strengths(scores, len(places), weakest, strongest, _STEPS)]
 
 
 class Stamp(NamedTuple):

@@ -20,8 +20,8 @@ HALF_CELL = CELL_PX // 2
 # Coarsest pixel of the responses, in pixels at half resolution; the fields are padded to multiples.
 COARSEST = 16
 # Pixels at half resolution over which the fields fade to zero towards the frame and large gaps:
-# a transform repeats the frame, and a step at its border would look like a scratch. This width,
-# and the numbers of the files beside this one, are tested in defect_constants.py.
+# a transform repeats the frame, and a step at its border would look like a scratch. This width and
+# the constants of the other files of this folder are tested in tests/evidence/defect_constants.py.
 _FADE = 17
 # Sigma of the Gaussian that fills gaps. A gap is too large to fill where the Gaussian mean of valid
 # pixels is below `_MIN_FILLED_SHARE`.
@@ -63,7 +63,8 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     if not surface.valid.all():
         share = _halved(surface.valid * _BYTE, rows, columns) / np.float32(_BYTE)
         blurred_share = gaussian_mean(share, _FILL_PX)
-        # Pixels that are not valid have the mean of the frame.
+        # `texture_fields` sets pixels that are not valid to the mean of the frame: subtract their
+        # part in the means of 2 x 2 pixels.
         gap = np.unravel_index(np.argmin(surface.valid), surface.shape)
         means = (plane[gap] for plane in (fields.p, fields.q, fields.albedo))
         for plane, mean in zip(planes, means, strict=True):
@@ -78,12 +79,12 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     moments = _cell_moments(share, *planes)[:h, :w]
     for plane in planes:
         plane *= weight
-    cells, covered = (
+    valid_shares, covered_shares = (
         resized(shares, rows // HALF_CELL, columns // HALF_CELL)[:h, :w]
         for shares in (share, whole)
     )
     p, q, albedo = planes
-    valid = cells >= _MIN_VALID_SHARE * covered
+    valid = valid_shares >= _MIN_VALID_SHARE * covered_shares
     return PartFields(p, q, albedo, weight, moments, valid, surface.shape)
 
 

@@ -25,9 +25,9 @@ DIRECTIONS = 12
 """Directions of lines over 180 degrees, in the frame of the texture."""
 LENGTHS = 3
 """Lines have 9, 15 and 21 pixels."""
-# Half of the longest line: a step of 9 pixels to the centre of a sum of three.
+# Half of the longest line: a step of 9 pixels to the centre of a sum of three pixels.
 _MARGIN = 10
-# Rows of pixels whose sums of three stay in the cache.
+# Rows of pixels per strip; their sums of three pixels fit in the cache.
 _STRIP = 64
 
 
@@ -62,7 +62,9 @@ def _steps(orientation_deg: float) -> npt.NDArray[np.int64]:
 def _sum_lines(
     padded: Array, steps: Array, cell: int, weights: Array, highest: Array, first: int, stop: int
 ) -> None:
-    """Responses of rows of cells: sums of three pixels, then sums of these."""
+    """Write the responses of rows of cells: sums of three pixels, then weighted sums of these."""
+    # The weights of the sums of three fall towards the ends of a line: (1, 2, 1), (1, 2, 3, 2, 1)
+    # and (1, 2, 3, 3, 3, 2, 1). `threes` has a margin of 9 pixels for the longest line.
     width = highest.shape[1] * cell
     threes = np.empty((_STRIP + 18, width + 18), np.float32)
     line = np.empty(width, np.float32)
@@ -85,8 +87,8 @@ def _sum_lines(
                 for c in range(threes.shape[1]):
                     out[c] = a[c] + b[c] + d[c]
             for r in range(9, rows + 9):
-                # Loops of few arrays, which numba must know not to overlap. np.maximum is
-                # vectorised, max is not.
+                # Loops over few arrays: to vectorise one, numba must rule out that its arrays
+                # overlap. np.maximum is vectorised, max is not.
                 here, best = threes[r, 9 : 9 + width], most[r - 9]
                 y, x = steps[direction, 1]
                 a, b = threes[r - y, 9 - x : 9 - x + width], threes[r + y, 9 + x : 9 + x + width]
@@ -133,7 +135,7 @@ FILTERS = (
         for kind, width_px in ((_WIDE, 2.5), (_WIDE, 4), (ALBEDO, 2.5))
     ),
 )
-SIZES = tuple(DIRECTIONS * LENGTHS if matched.is_line else 1 for matched in FILTERS)
+SIZES = tuple(DIRECTIONS * LENGTHS if matched_filter.is_line else 1 for matched_filter in FILTERS)
 """Number of responses of each filter."""
 
 Response = Callable[[FloatMap], FloatMap]
@@ -144,12 +146,12 @@ def filter_responses(
     spectra: tuple[HalfSpectrum, HalfSpectrum], orientation_deg: float
 ) -> Iterator[Response]:
     """The `Response` of each filter to relief and albedo, divided by the power of their texture."""
-    for matched in FILTERS:
-        spectrum = spectra[int(matched.departure == ALBEDO)]
+    for matched_filter in FILTERS:
+        spectrum = spectra[int(matched_filter.departure == ALBEDO)]
         shape = (spectrum.shape[0], 2 * (spectrum.shape[1] - 1))
-        field = _filtered(spectrum, _profile(shape, matched), matched.octave)
-        cell = HALF_CELL >> matched.octave
-        if matched.is_line:
+        field = _filtered(spectrum, _profile(shape, matched_filter), matched_filter.octave)
+        cell = HALF_CELL >> matched_filter.octave
+        if matched_filter.is_line:
             yield partial(line_response, field, cell, orientation_deg)
         else:
             yield partial(np.multiply, cell_maximum(np.abs(field), cell))
@@ -164,16 +166,16 @@ def _filtered(spectrum: HalfSpectrum, profile: HalfSpectrum, octave: int) -> Flo
 
 
 @lru_cache(maxsize=32)
-def _profile(shape: tuple[int, int], matched: _Filter) -> HalfSpectrum:
+def _profile(shape: tuple[int, int], matched_filter: _Filter) -> HalfSpectrum:
     """The radial filter on the half spectrum of the sampled field."""
-    step = 1 << matched.octave
+    step = 1 << matched_filter.octave
     sampled = (shape[0] // step, shape[1] // step)
     u, v = frequencies(sampled)
     k = np.hypot(u, v)
-    profile = np.exp(-2.0 * (np.pi * matched.width_px / (2 * step) * k) ** 2)
-    if matched.octave:
+    profile = np.exp(-2.0 * (np.pi * matched_filter.width_px / (2 * step) * k) ** 2)
+    if matched_filter.octave:
         profile *= low_pass(k)
-    if matched.departure != ALBEDO:
+    if matched_filter.departure != ALBEDO:
         profile = profile * k
     # Samples in the middle of the pixels that they stand for; rows run down, and v up.
     shift = 0.5 * (step - 1) / step

@@ -35,15 +35,15 @@ from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
 _TILE = 64 // CELL_PX
 # Share of the tile maxima, or at least this many, to which the tail is fitted.
 _TAIL_SHARE, _MIN_TAIL = 0.2, 10
-# Two tile maxima: one at which the tail begins, and one in the tail.
+# The fit of a tail needs a tile maximum at which the tail begins, and one in the tail.
 _MIN_TILES = 2
-# Longest tail: evidence has an exponential one (shape 0) unless parts differ.
+# Largest shape of the Pareto tail; evidence has an exponential tail (shape 0) unless parts differ.
 _MAX_TAIL = 0.2
 # Responses are of order 1; that to an albedo which is exactly constant on all good parts is 0.
 _MIN_LIMIT = 1e-3
 
-# Quantile of the normal distribution at 95 %. With one standard error 5 of 96 good parts had an
-# alarm in `tests/evidence/test_defects.py`, where 1 % is asked.
+# Quantile of the normal distribution at 95 %. With a bound of one standard error, 5 of 96 good
+# parts had an alarm in `tests/evidence/test_defects.py`, at a false alarm rate of 1 %.
 _CONFIDENCE_BOUND = 1.645
 # Prior of the standard deviation of the parts' log maxima, and the number of parts that it counts
 # as. The deviation was 0.2 to 0.3 on most textures of `python -m tests.evidence.defects`.
@@ -53,15 +53,16 @@ _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.25, 4
 def tile_maxima(response: FloatMap, valid: npt.NDArray[np.bool_]) -> Floats:
     """Largest valid response of every tile, -inf where no cell of a tile is valid."""
     rows, columns = valid.shape
-    whole = np.full((-(-rows // _TILE) * _TILE, -(-columns // _TILE) * _TILE), -np.inf)
-    whole[:rows, :columns] = np.where(valid, response[:rows, :columns], -np.inf)
-    tiles = whole.reshape(whole.shape[0] // _TILE, _TILE, -1, _TILE)
+    padded = np.full((-(-rows // _TILE) * _TILE, -(-columns // _TILE) * _TILE), -np.inf)
+    padded[:rows, :columns] = np.where(valid, response[:rows, :columns], -np.inf)
+    tiles = padded.reshape(padded.shape[0] // _TILE, _TILE, -1, _TILE)
     return np.asarray(tiles.max(axis=(1, 3)).ravel())
 
 
 def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
-    """(m,) values that a share of good parts exceeds, from (parts, m, tiles) maxima: a generalised
-    Pareto tail by probability-weighted moments (Hosking and Wallis 1987).
+    """Limits (m,) that a share `false_alarm_rate` of good parts exceeds, from (parts, m, tiles)
+    maxima, by a generalised Pareto tail fitted with probability-weighted moments (Hosking and
+    Wallis 1987).
     """
     parts, count, _ = maxima.shape
     ordered = np.sort(np.moveaxis(maxima, 1, 0).reshape(count, -1))
@@ -80,8 +81,8 @@ def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
     # (i - 0.35) / k.
     weighted = np.mean(excess * (1.0 - (np.arange(tail) + 0.65) / tail), axis=1)
     shapes = 2.0 - mean / np.maximum(mean - 2.0 * weighted, 1e-9 * mean + 1e-300)
-    # A scale estimated from k exponential values makes the next one Pareto, of shape 1 / k. Half of
-    # it, as the same step is taken again for the common limit.
+    # The predictive distribution, given a scale estimated from k exponential values, is Pareto with
+    # a shape of 1 / k. Half of that is added, as `common_limit` adds a margin for the same error.
     shapes = np.clip(shapes, 0.0, _MAX_TAIL) + 0.5 / tail
     per_tile = -np.expm1(np.log1p(-false_alarm_rate) * parts / tiles)
     ratio = max(tail / tiles / per_tile, 1.0)
@@ -91,23 +92,26 @@ def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
 
 def common_limit(maxima: Floats, false_alarm_rate: float) -> float:
     """The limit of one score, from the (parts, tiles) maxima of left-out good parts."""
-    # Tiles of one part are alike: N parts tell the level of the limit no better than to a standard
+    # Tiles of one part are correlated, so that the logarithm of a limit of N parts has a standard
     # error of s / sqrt(N), where s is the standard deviation of the logarithms of the parts'
-    # highest scores. The limit is the upper 95 % confidence bound of the extrapolated one. No limit
-    # of fewer parts than 1 / rate is below the highest score of a good part.
+    # highest scores. The limit is the upper 95 % confidence bound of the extrapolated one. With
+    # fewer parts than 1 / rate, it is not below the highest score of a good part.
     limit = float(limits_of(maxima[:, None], false_alarm_rate)[0])
     highest = maxima.max(axis=1)
     if len(maxima) * false_alarm_rate < 1.0:
         limit = max(limit, float(highest.max()))
-    freedom = len(maxima) - 1
+    degrees_of_freedom = len(maxima) - 1
     measured = float(np.log(np.maximum(highest, _MIN_LIMIT)).var(ddof=1))
-    variance = (_PRIOR_FREEDOM * _PRIOR_SPREAD**2 + freedom * measured) / (_PRIOR_FREEDOM + freedom)
+    variance = (_PRIOR_FREEDOM * _PRIOR_SPREAD**2 + degrees_of_freedom * measured) / (
+        _PRIOR_FREEDOM + degrees_of_freedom
+    )
     return limit * math.exp(_CONFIDENCE_BOUND * math.sqrt(variance / len(maxima)))
 
 
 MIN_PARTS = 3
 MAX_PARTS = 100
-# Responses to an albedo that is exactly constant on all good parts are 0.
+# Responses are divided by their scales, which are 0 for an albedo that is exactly constant on all
+# good parts.
 _MIN_SCALE = 1e-6
 
 _Item = TypeVar("_Item")
@@ -192,7 +196,9 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Observation:
-    """Mean maxima of a part's tiles, and its cells, whitened by spectra of the other half."""
+    """Spectrum of a good part; its mean tile maxima and the statistics of its cells, whitened by
+    the spectrum of the other half of the parts.
+    """
 
     spectrum: Spectrum
     scales: npt.NDArray[np.float64]
@@ -240,14 +246,16 @@ def _without(items: Sequence[_Item], left_out: Collection[int]) -> list[_Item]:
     return [item for number, item in enumerate(items) if number not in left_out]
 
 
-# Cells over which a change is light or form, no mark: standard deviation of the Gaussian.
+# Standard deviation of the Gaussian of the high-pass, in cells. Slower changes come from lights or
+# form, not from a mark.
 _SLOW_CELLS = 6.0
-# Probability that any place of parts without a mark is found.
+# Probability that a mark is reported anywhere on parts without one.
 _CHANCE = 1e-3
-# Standard deviations of a normal distribution in its median absolute deviation.
+# Ratio of the standard deviation of a normal distribution to its median absolute deviation.
 _PER_MEDIAN = 1.0 / float(ndtri(0.75))
 
 Box = tuple[int, int, int, int]
+"""X, y, width and height in px."""
 
 
 class FixedMarks:
@@ -276,10 +284,10 @@ class FixedMarks:
         self._parts += 1
 
     def strongest(self) -> Box | None:
-        """X, y, width and height in px of the mark, without its surroundings; None without one."""
+        """Bounding box of the strongest mark in px; None without one."""
         if self._sums is None or self._valid is None:
             return None
-        # At borders of the frame and of parts, windows are cut.
+        # Windows at the borders of the frame and of the parts are incomplete.
         inside = cv2.erode(
             self._valid.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT,
             borderValue=0,

@@ -28,12 +28,13 @@ from .fields import PartFields
 _SEGMENTS = (128, 64)
 MIN_SIDE_PX = 4 * _SEGMENTS[-1]
 """Shortest side of a good part: two segments at half resolution."""
-# Segments that faded this far carry no information.
+# Least mean weight of a segment; where more of it has faded to 0, it tells little of the texture.
 _MIN_WEIGHT = 0.5
 # Power added to every frequency, as a share of the mean power: errors of focus, scale and
 # orientation move about this share of the power of one frequency to others.
 _FLOOR = 1e-3
-# Low-pass in cycles per pixel, so that all orientations are alike.
+# Frequencies between which the low-pass falls from 1 to 0, in cycles per pixel. The band is
+# isotropic, so that a texture is filtered equally at all orientations.
 _PASS, _STOP = 0.40, 0.48
 
 _Power = npt.NDArray[np.float64]
@@ -132,7 +133,7 @@ def _segment_corners(shape: tuple[int, ...], segment: int) -> list[tuple[int, in
 
 @lru_cache(maxsize=4)
 def _band(shape: tuple[int, int], segment: int) -> FloatMap:
-    """The band of a half spectrum that is whitened."""
+    """Band-pass on a half spectrum: the frequencies that are whitened."""
     radius = np.hypot(*frequencies(shape))
     # Longer waves than a segment are drift of lights and form, which the spectra do not resolve.
     return np.asarray(low_pass(radius) * -np.expm1(-((radius * segment) ** 2)), np.float32)
@@ -165,14 +166,14 @@ def _apply_gains(
 ) -> None:
     """Whiten half spectra into `relief` and `albedo`, and once more into `p` and `a`."""
     rows, half = p.shape
-    across, down = np.float32(0.5 / (half - 1)), np.float32(1.0 / rows)
+    u_step, v_step = np.float32(0.5 / (half - 1)), np.float32(1.0 / rows)
     side = np.float32(gains.shape[1] - 1)
     middle, one = np.float32(0.5), np.float32(1.0)
     c, s = rotation[0], rotation[1]
     for r in range(first, stop):
-        v = -down * np.float32(r if 2 * r < rows else r - rows)
+        v = -v_step * np.float32(r if 2 * r < rows else r - rows)
         for k in range(half):
-            u = across * np.float32(k)
+            u = u_step * np.float32(k)
             # v is up, and rows of the gains run down.
             x = min(max((c * u + s * v + middle) * side, np.float32(0.0)), side - one)
             y = min(max((middle + s * u - c * v) * side, np.float32(0.0)), side - one)
@@ -186,10 +187,10 @@ def _apply_gains(
             lower = (one - x) * gains[1, row + 1, column] + x * gains[1, row + 1, column + 1]
             albedo_gain = (one - y) * upper + y * lower
             scale = band[r, k] * relief_gain / np.sqrt(max(u * u + v * v, np.float32(1e-18)))
-            u, v_share = scale * u, scale * v
+            u_scaled, v_scaled = scale * u, scale * v
             # -i times the slope along the wave vector is positive on raised places.
-            real = u * p[r, k].real + v_share * q[r, k].real
-            imaginary = u * p[r, k].imag + v_share * q[r, k].imag
+            real = u_scaled * p[r, k].real + v_scaled * q[r, k].real
+            imaginary = u_scaled * p[r, k].imag + v_scaled * q[r, k].imag
             relief[r, k] = complex(imaginary, -real)
             albedo[r, k] = band[r, k] * albedo_gain * a[r, k]
             p[r, k] = relief_gain * relief[r, k]
@@ -214,7 +215,9 @@ def _rotated(power: _Power, orientation_deg: float) -> _Power:
 
 
 def _lowest_replaced(power: _Power) -> _Power:
-    """Replace the frequencies that the window mixes with 0 by the highest around them."""
+    """Replace the power at frequencies that the window mixes with frequency 0, by the highest
+    around them.
+    """
     index = np.arange(len(power)) - len(power) // 2
     radius = np.hypot(index[None, :], index[:, None])
     lowest, ring = radius < 1.5, (radius >= 1.5) & (radius < 3.0)

@@ -30,10 +30,10 @@ from classify.defects.detectability import (
     Place,
     detectability,
     is_precise,
-    least_found,
     places_for,
     scores_at,
     stated_strength,
+    threshold_strengths,
 )
 from rig import Placement
 from rig.config.simulation import Defect
@@ -81,7 +81,7 @@ def measured(
             shown = capture(part.model_copy(update={"seed": seed, "defects": defects}))
             return scores_at(map_of(shown).score, defect, here)
 
-        found += least_found(scores, len(here), middle / _RANGE, strongest, _STEPS).tolist()
+        found += threshold_strengths(scores, len(here), middle / _RANGE, strongest, _STEPS).tolist()
     return found
 
 

@@ -12,10 +12,10 @@ from classify.defects.detectability import (
     KnownDefect,
     Place,
     detectability,
-    least_found,
     places_for,
     scores_at,
     stated_strength,
+    threshold_strengths,
 )
 
 SIDE = 256
@@ -143,10 +143,12 @@ def test_places_keep_from_the_border_and_from_each_other() -> None:
 
 def test_bisection_finds_each_threshold() -> None:
     thresholds = np.array([0.1, 0.5, 2.0, 40.0])
-    found = least_found(lambda strengths: (strengths / thresholds) ** 1.5, 4, 0.01, 8.0, 5)
+    found = threshold_strengths(lambda strengths: (strengths / thresholds) ** 1.5, 4, 0.01, 8.0, 5)
     assert found[:3] == pytest.approx(thresholds[:3], rel=0.01)
     assert found[3] == np.inf
-    steps = least_found(lambda strengths: 1.0 + (strengths - thresholds > 0.0), 4, 0.01, 8.0, 12)
+    steps = threshold_strengths(
+        lambda strengths: 1.0 + (strengths - thresholds > 0.0), 4, 0.01, 8.0, 12
+    )
     assert steps[:3] == pytest.approx(thresholds[:3], rel=0.01)
     assert stated_strength([1.0] * 9 + [np.inf]) is None
     assert stated_strength([*range(1, 11), np.inf]) == 10.0
