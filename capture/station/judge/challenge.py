@@ -69,7 +69,8 @@ def replay_challenge(
     for file, expected in read_challenge(files.challenge).sets.items():
         raise_if_cancelled()
         path = files.challenge / file
-        sha256 = _sha256(path)  # before the set is read: one that is exchanged now is replayed anew
+        # Hashed before the set is read: a set that is exchanged in between is replayed again.
+        sha256 = _sha256(path)
         verdict, pixels_sha256 = _replayed(path, inspector)
         yield PartOutcome(
             file=file,
@@ -102,14 +103,15 @@ def _keep_replay(
 def require_challenge(
     files: RecipeFolder, inspector: Inspector, raise_if_cancelled: Callable[[], None] = lambda: None
 ) -> Replay:
-    """Raise ChallengeFailed unless this inspector meets the challenge, now or on record; always
-    judged to the first good part, which tests processor and kernels.
+    """Raise ChallengeFailed unless this inspector meets the challenge, by its last valid replay or
+    by a new one.
+
+    Parts up to the first good one are judged in any case, which tests processor and kernels.
     """
-    _known_sha256.cache_clear()  # the files that run now are hashed, whatever their times
-    replay, outcomes = (
-        valid_replay(files, inspector.fingerprint, raise_if_cancelled),
-        replay_challenge(files, inspector, raise_if_cancelled),
-    )
+    # Every file is hashed now, even if its times are unchanged.
+    _known_sha256.cache_clear()
+    replay = valid_replay(files, inspector.fingerprint, raise_if_cancelled)
+    outcomes = replay_challenge(files, inspector, raise_if_cancelled)
     judged = _up_to_a_good_part(outcomes)
     if replay is None or any(outcome.is_regression for outcome in judged):
         replay = _keep_replay(files, inspector, (*judged, *outcomes))
@@ -133,7 +135,7 @@ def _up_to_a_good_part(outcomes: Iterator[PartOutcome]) -> list[PartOutcome]:
 
 
 def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:
-    """Whether a replay by this inspector is on record, and every part got its verdict."""
+    """Whether a valid replay is recorded in which every part got its expected verdict."""
     replay = valid_replay(files, inspector.fingerprint)
     return replay is not None and not replay.regressions
 
@@ -184,7 +186,7 @@ def _sha256(path: Path) -> str | None:
 
 # Without a cache, a page with the state of a recipe would read 10 MB for each set of 1024 px.
 @lru_cache(MAX_SETS)
-def _known_sha256(path: Path, *stat: int) -> str:  # noqa: ARG001 - the key under which it is known
+def _known_sha256(path: Path, *stat: int) -> str:  # noqa: ARG001 - part of the key of the cache
     return file_sha256(path)
 
 

@@ -42,13 +42,14 @@ from classify.pieces.piece_model import PieceMeasures
 from rig.config.lights import led_names
 
 from .fingerprint import Fingerprint
-from .judge import Finding, Measures, invalid, verdict_of
+from .judge import Finding, Measures, validity_findings, verdict_of
 from .measured_surface import MeasuredSurface, fits
 
-# Parts of a calibration whose settings cover everything: pixel values and exposure; the lights.
+# Parts of a calibration that together depend on the whole setting: pixel values and exposure, and
+# the lights.
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _MATCH_FIELDS = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
-_LIMITED = tuple(measure.name for measure in fields(LimitedMeasures))
+_LIMITED_MEASURES = tuple(measure.name for measure in fields(LimitedMeasures))
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MAX_DEFECTS = 50
 # Number of regions of windows of a kind; there are few, because windows overlap.
@@ -73,17 +74,17 @@ class Inspection:
 
     def recorded(self, part: PartResult) -> PartResult:
         """Return the result of a part with the inspection; NaN and infinity become None."""
-        numbers = {name: _known(getattr(self.measures, name)) for name in _LIMITED}
+        values = {name: getattr(self.measures, name) for name in _LIMITED_MEASURES}
         if (match := self.measures.match) is not None:
-            numbers |= {name: _known(getattr(match, name)) for name in _MATCH_FIELDS}
+            values |= {name: getattr(match, name) for name in _MATCH_FIELDS}
         return replace(
             part,
             verdict=self.verdict,
             defects=self.defects,
-            led_levels=tuple(map(_known, self.led_levels)),
+            led_levels=tuple(map(_finite_or_none, self.led_levels)),
             timings_ms=self.timings_ms,
             notes=(*part.notes, *self._notes()),
-            **numbers,
+            **{name: _finite_or_none(value) for name, value in values.items()},
         )
 
     def _notes(self) -> Iterator[str]:
@@ -93,13 +94,13 @@ class Inspection:
 
 
 @dataclass(frozen=True, eq=False)
-class _Begun:
-    """Images that are judged while they are checked, and the future result."""
+class _StartedInspection:
+    """An inspection in a thread, of images that are still being checked."""
 
     unchecked: CapturedSet
     inspection: Callable[[], Inspection]
 
-    def is_of(self, captured: CapturedSet) -> bool:
+    def has_images_of(self, captured: CapturedSet) -> bool:
         """Whether a set that has passed its checks has these images."""
         unchecked = self.unchecked
         return (
@@ -126,7 +127,7 @@ class Inspector:
         self._library = library
         self._models = models
         self.calibration = calibration
-        self._begun: _Begun | None = None
+        self._started: _StartedInspection | None = None
         self._signals = {
             texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
         }
@@ -154,21 +155,22 @@ class Inspector:
         return Inspector(self.recipe, self._taught, self._library, self._models, calibration)
 
     def has_direction(self, texture: str) -> bool:
-        """Whether pieces of a texture that lie otherwise can be found."""
+        """Whether a texture has a direction, so that a rotated piece in it is detected."""
         return self._models[texture].pieces.has_direction
 
     def begin(self, unchecked: CapturedSet) -> None:
         """Start to judge images in a thread; `inspect` uses the result for the same arrays."""
         result = in_background(lambda: self._inspection(unchecked), is_long=True)
-        self._begun = _Begun(unchecked, result)
+        self._started = _StartedInspection(unchecked, result)
 
     def inspect(self, captured: CapturedSet) -> Inspection:
-        """Judge one part; a set that cannot be judged is an ERROR with its cause, as the caller
-        makes of exceptions.
+        """Judge one part; a set that cannot be judged gets the verdict ERROR.
+
+        The caller gives that verdict for an exception.
         """
-        begun = self._begun
-        if begun is not None and begun.is_of(captured):
-            return begun.inspection()
+        started = self._started
+        if started is not None and started.has_images_of(captured):
+            return started.inspection()
         return self._inspection(captured)
 
     @property
@@ -199,13 +201,13 @@ class Inspector:
                 albedo=measured.albedo,
                 angle_sd=measured.angle_sd,
             )
-        if not any(invalid(self.recipe, measures)):
+        if not any(validity_findings(self.recipe, measures)):
             with _timed(timings_ms, "match"):
                 fields = in_background(partial(part_fields, measured.surface))
                 moments = in_background(partial(band_moments, measured.surface))
                 signature = self._library.observe(measured.surface)
-                # No warning of the solver: a calibration may have a flat field where that of
-                # teaching had none.
+                # Not `classify`, which warns of a surface solved otherwise than the library: a
+                # calibration may have a flat field where that of teaching had none.
                 measures = replace(
                     measures, match=self._library.match_surface(measured.surface, signature)
                 )
@@ -219,16 +221,20 @@ class Inspector:
             models = self._models[texture]
             with _timed(timings_ms, "defects"):
                 measure = partial(models.pieces.measure, moments(), match.orientation_deg)
-                begun = in_background(partial(measure, ring_levels(signature)))
+                wait_for_pieces = in_background(partial(measure, ring_levels(signature)))
                 defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
                 limits = self.recipe.limits_for(texture)
-                pieces = begun()
+                pieces = wait_for_pieces()
                 outlined = self._defects(defect_map, limits.defect)
                 defects = (*outlined, *self._windows(pieces, limits))
-                of_pieces = (name for name in _LIMITED if hasattr(pieces, name))
-                measures = replace(measures, **{name: getattr(pieces, name) for name in of_pieces})
+                piece_measures = {
+                    name: getattr(pieces, name)
+                    for name in _LIMITED_MEASURES
+                    if hasattr(pieces, name)
+                }
+                measures = replace(measures, **piece_measures)
         taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
         levels = tuple((np.array(measured.light_signals) / taught).tolist())
         verdict = verdict_of(self.recipe, measures)
@@ -250,7 +256,7 @@ class Inspector:
         return tuple(records)
 
     def _windows(self, pieces: PieceMeasures, limits: Limits) -> Iterator[DefectRecord]:
-        """Boxes of connected cells whose windows exceed a limit, in units of it."""
+        """Outline connected cells whose windows exceed a limit; their scores are in units of it."""
         left, top = self._corner
         for kind, scores, limit in (
             ("seam", pieces.seam_map, limits.seam),
@@ -278,12 +284,12 @@ class Inspector:
         return (0, 0) if region is None else (region.x, region.y)
 
     def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
-        """Why the set cannot be judged, whatever part it shows."""
+        """Yield the reasons why the set cannot be judged, whatever part it shows."""
         texts = chain(self.faults_of(captured.setting), self._calibration_faults(captured))
         yield from (Finding(Cause.CALIBRATION, text) for text in texts)
 
     def faults_of(self, setting: Setting) -> Iterator[str]:
-        """Yield why no set of a rig with this setting can be judged."""
+        """Yield the reasons why no set of a rig with this setting can be judged."""
         for difference in setting_differences(self._taught.setting, setting):
             yield f"not the setting that was taught: {difference}"
         region = self.recipe.region
@@ -306,13 +312,13 @@ class Inspector:
         if file.hash not in calibration_ids:
             yield "the set does not name the calibration of the station"
         try:
-            at = datetime.fromisoformat(captured.metadata.created_utc)
+            created = datetime.fromisoformat(captured.metadata.created_utc)
         except ValueError:
             yield "the set has no date"
             return
-        at = at if at.tzinfo is not None else at.replace(tzinfo=UTC)
+        created = created if created.tzinfo is not None else created.replace(tzinfo=UTC)
         for name, record in file.records.items():
-            fault = self.recipe.calibration.age_fault(record.age_days(at))
+            fault = self.recipe.calibration.age_fault(record.age_days(created))
             if fault is not None:
                 yield f"{name.replace('_', ' ')} {fault}"
 
@@ -336,8 +342,8 @@ def _lit_while_off(captured: CapturedSet) -> tuple[tuple[str, float], ...]:
     return tuple(zip(led_names(captured.lighting.tilts_deg), shares.tolist(), strict=True))
 
 
-def _known(value: Any) -> Any:
-    """A value, or None for NaN and infinity, which results do not hold."""
+def _finite_or_none(value: Any) -> Any:
+    """A value; None for NaN and infinity, which the results cannot store."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -17,7 +17,7 @@ STOP_LED_LEVEL = 0.85
 """Least level of an LED, as a share of the taught one, against the brightest LED."""
 
 _MAX_LIGHT_WHILE_OFF = 0.15
-"""Largest share of an LED's light with all LEDs off: as much as a weak LED may lack."""
+"""Largest share of an LED's light with all LEDs off; as large as the loss at `STOP_LED_LEVEL`."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class Finding:
 
 @dataclass(frozen=True, kw_only=True)
 class Measures(LimitedMeasures):
-    """What was measured in the region of a part; None for what was not measured."""
+    """Measures of the region of a part; None for one that was not measured."""
 
     match: Match | None = None
     saturated_fraction: float | None = None  # share of the pixels that a light saturates
@@ -44,8 +44,8 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
     """Return the verdict: faults of the set, validity, texture, then limits; a NaN or missing value
     gives ERROR.
     """
-    findings = list(faults) or list(invalid(recipe, measures))
-    findings = findings or list(_of_the_texture(recipe, measures))
+    findings = list(faults) or list(validity_findings(recipe, measures))
+    findings = findings or list(_texture_findings(recipe, measures))
     match = measures.match
     if findings or match is None or match.label not in recipe.passes:
         findings = findings or [Finding(Cause.UNFORESEEN, "the part was not matched")]
@@ -56,11 +56,11 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
     return Verdict(Decision.PASS, f"{match.label}, {_within(recipe, measures, match)}")
 
 
-def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
-    """Yield why the measurement is unusable, whatever the texture is."""
-    yield from _beyond_limit("unmeasured_fraction", recipe.limits, measures)
+def validity_findings(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
+    """Yield the reasons why the measurement is unusable for any texture."""
+    yield from _limit_findings("unmeasured_fraction", recipe.limits, measures)
     saturated = measures.saturated_fraction
-    yield from _beyond(
+    yield from _bound_findings(
         "saturated pixels", saturated, "at most", MAX_SATURATED_SHARE, Cause.CAPTURE, ".1%"
     )
     for name, level in measures.led_levels:
@@ -75,20 +75,21 @@ def invalid(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
         yield Finding(Cause.UNFORESEEN, "the levels of the LEDs were not measured")
 
 
-def _of_the_texture(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
+def _texture_findings(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
     match = measures.match
     if match is None:
         yield Finding(Cause.UNFORESEEN, "the texture was not matched")
         return
     limits = recipe.limits_for(match.label or match.nearest)
-    unknown = list(_unknown(match, limits))
-    yield from unknown
+    match_findings = list(_match_findings(match, limits))
+    yield from match_findings
     if match.label is None:
-        if not unknown:
+        if not match_findings:
             yield Finding(Cause.UNDECIDED, match.reason or "the texture is unknown")
-        if match.nearest in recipe.passes:  # what is wrong with it, if it is of that texture
+        if match.nearest in recipe.passes:
+            # The part may be of this texture, with a defect that makes it unknown.
             findings = chain.from_iterable(
-                _beyond_limit(key, limits, measures) for key in MEASURES_OF
+                _limit_findings(key, limits, measures) for key in MEASURES_OF
             )
             yield from (finding for finding in findings if finding.cause is not Cause.UNFORESEEN)
     elif match.label in recipe.fails:
@@ -96,56 +97,61 @@ def _of_the_texture(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
     elif match.label not in recipe.passes:
         yield Finding(Cause.WRONG_TEXTURE, f"{match.label} is not in the recipe, {match.reason}")
     else:
-        yield from _misoriented(recipe.orientation, match)
+        yield from _orientation_findings(recipe.orientation, match)
         for key in MEASURES_OF:
-            yield from _beyond_limit(key, limits, measures)
+            yield from _limit_findings(key, limits, measures)
 
 
-def _unknown(match: Match, limits: Limits) -> Iterator[Finding]:
+def _match_findings(match: Match, limits: Limits) -> Iterator[Finding]:
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
     name = f"distance to {match.nearest}"
     if not bounds:
         yield Finding(Cause.UNFORESEEN, f"neither library nor recipe limits the {name}")
     else:
-        yield from _beyond(name, match.distance, "at most", min(bounds), Cause.NO_TEXTURE, ".2f")
+        limit = min(bounds)
+        yield from _bound_findings(name, match.distance, "at most", limit, Cause.NO_TEXTURE, ".2f")
     if match.runner_up is not None:
         least = max(MIN_MARGIN, limits.margin or 0.0)
         name = f"margin to {match.runner_up}"
-        yield from _beyond(name, match.margin, "at least", least, Cause.UNDECIDED, ".2f")
-    yield from _beyond_limit("blur_px", limits, match)
+        yield from _bound_findings(name, match.margin, "at least", least, Cause.UNDECIDED, ".2f")
+    yield from _limit_findings("blur_px", limits, match)
 
 
-def _misoriented(rule: Orientation, match: Match) -> Iterator[Finding]:
+def _orientation_findings(rule: Orientation, match: Match) -> Iterator[Finding]:
     if rule.tolerance_deg is None:
         return
     period_deg = 360.0 if rule.full_turn else 180.0
-    found_deg = _found_deg(rule, match)
-    if found_deg is None:
+    measured_deg = _measured_deg(rule, match)
+    if measured_deg is None:
         yield Finding(Cause.UNDECIDED, f"the orientation of {match.label} is not clear")
         return
     name = f"sharpness of the orientation of {match.label}"
-    yield from _beyond(name, match.sharpness, "at least", MIN_SHARPNESS, Cause.UNDECIDED, ".2f")
+    yield from _bound_findings(
+        name, match.sharpness, "at least", MIN_SHARPNESS, Cause.UNDECIDED, ".2f"
+    )
     half_deg = 0.5 * period_deg
-    off_deg = (found_deg - rule.reference_deg + half_deg) % period_deg - half_deg
+    deviation_deg = (measured_deg - rule.reference_deg + half_deg) % period_deg - half_deg
     name = f"degrees off {rule.reference_deg:g}"
-    yield from _beyond(name, abs(off_deg), "at most", rule.tolerance_deg, Cause.ORIENTATION, ".1f")
+    yield from _bound_findings(
+        name, abs(deviation_deg), "at most", rule.tolerance_deg, Cause.ORIENTATION, ".1f"
+    )
 
 
-def _found_deg(rule: Orientation, match: Match) -> float | None:
+def _measured_deg(rule: Orientation, match: Match) -> float | None:
     """Orientation that the rule compares: over 360 degrees for a full turn, else over 180."""
     return match.heading_deg if rule.full_turn else match.orientation_deg
 
 
-def _beyond_limit(key: str, limits: Limits, measures: Measures | Match) -> Iterator[Finding]:
-    """Whether a measure of the part exceeds its limit, by its row of the table."""
+def _limit_findings(key: str, limits: Limits, measures: Measures | Match) -> Iterator[Finding]:
+    """Yield a finding for each bound that a measure of the part exceeds, by its row in `ROWS`."""
     row, limit = ROWS[key], getattr(limits, key)
     if limit is not None:
         value = getattr(measures, row.measure or key)
         for words, bound in row.bounds(limit):
-            yield from _beyond(row.label, value, words, bound, row.cause, row.form)
+            yield from _bound_findings(row.label, value, words, bound, row.cause, row.form)
 
 
-def _beyond(
+def _bound_findings(
     name: str, value: float | None, words: str, bound: float, cause: Cause, form: str
 ) -> Iterator[Finding]:
     if value is None or not math.isfinite(value):
@@ -160,7 +166,7 @@ def _within(recipe: Recipe, measures: Measures, match: Match) -> str:
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
     parts = [f"distance {match.distance:.2f} of {min(bounds):.2f}"]
     if recipe.orientation.tolerance_deg is not None:
-        parts.append(f"at {_found_deg(recipe.orientation, match):.0f} degrees")
+        parts.append(f"at {_measured_deg(recipe.orientation, match):.0f} degrees")
     parts += [
         row.within(getattr(measures, MEASURES_OF[key]), limit)
         for key, row in ROWS.items()

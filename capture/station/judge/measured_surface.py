@@ -37,15 +37,17 @@ class MeasuredSurface:
         *,
         uncertainty: bool = False,
     ) -> Self:
-        """Solve a whole frame by `method` or that for its lights, as lights and calibration refer
-        to it, and mask the rest of the region.
+        """Solve a set by `method`, or by the default for its lights, and crop it to a region.
+
+        The whole frame is solved, because lights and calibration refer to it; pixels outside of the
+        region are masked.
         """
         frame = captured.images.shape[1:]
         inside = np.ones(frame, np.bool_) if captured.mask is None else captured.mask
         if region is not None:
-            only = np.zeros(frame, np.bool_)
-            _cut(only, region)[...] = True
-            inside = inside & only
+            in_region = np.zeros(frame, np.bool_)
+            _cut(in_region, region)[...] = True
+            inside = inside & in_region
             metadata = captured.metadata.model_copy(update={"mask_file": _MASK_FILE})
             captured = replace(captured, mask=inside, metadata=metadata)
         whole = LoadedSet(captured, calibration).solve_texture(
@@ -87,7 +89,7 @@ class MeasuredSurface:
 
     @property
     def angle_sd(self) -> float | None:
-        """Median standard deviation of the normal, degrees; None if it was not asked for."""
+        """Median standard deviation of the normal, degrees; None if it was not requested."""
         deviations = self.surface.angle_sd
         return None if deviations is None else _median(deviations[self.surface.valid])
 

@@ -70,8 +70,9 @@ class RecipeChanges:
         return after
 
     def approve(self, by: str, seen_sha256: str | None = None) -> Recipe:
-        """Approve the recipe, with the settings changed since the last approval in the row; nothing
-        if it is approved.
+        """Approve the recipe, unless `by` has approved it already.
+
+        The recorded change lists the settings that differ from the last approved state.
         """
         present = read_recipe(self.files.file)
         if present.is_approved and present.approval is not None and present.approval.by == by:
@@ -81,8 +82,8 @@ class RecipeChanges:
 
         def record(old: Recipe, new: Recipe) -> None:
             differ = [] if last is None else setting_changes(last, new)
-            words = ", ".join(map(str, differ))
-            since = f"; since the last approval: {words}" if words else ""
+            differences = ", ".join(map(str, differ))
+            since = f"; since the last approval: {differences}" if differences else ""
             self._record("", with_approval(old), f"{with_approval(new)}{since}")
 
         return approve(self.files, by, seen_sha256, record)
@@ -120,7 +121,7 @@ class RecipeChanges:
                 show=show,
             )
 
-        return self._begun(title, f"{title[0].lower()}{title[1:]}{listed}", work)
+        return self._recorded_work(title, f"{title[0].lower()}{title[1:]}{listed}", work)
 
     def replaying(self) -> Callable[[ShowProgress], Replay]:
         """Record that a replay of the challenge set begins; return the function that does it."""
@@ -133,36 +134,38 @@ class RecipeChanges:
             return f"challenge: {parts - missed} of {parts} parts got the expected verdict"
 
         title = replay_title(self.files)
-        return self._begun(title, title, work, outcome)
+        return self._recorded_work(title, title, work, outcome)
 
-    def _begun(
+    def _recorded_work(
         self,
         title: str,
-        begun: str,
+        begin_text: str,
         work: Callable[[ShowProgress], _T],
         outcome_of: Callable[[_T], str] = lambda _: "",
     ) -> Callable[[ShowProgress], _T]:
-        """Record the begin of `work`; what is returned records its outcome or the new recipe."""
-        known = self._recipe()
-        before = None if known is None else with_approval(known)
-        self._record("", before, begun)
+        """Record that `work` begins; return a function that does it and records its outcome, or the
+        new recipe.
+        """
+        recipe_before = self._recipe()
+        before = None if recipe_before is None else with_approval(recipe_before)
+        self._record("", before, begin_text)
 
         def recorded(show: ShowProgress) -> _T:
             outcome = ""
             try:
-                done = work(show)
-                outcome = outcome_of(done)
-                return done
+                value = work(show)
+                outcome = outcome_of(value)
+                return value
             except BaseException as error:
                 outcome = f"{title}: {error_text(error)}"
                 raise
             finally:
-                now = self._recipe()
+                recipe_after = self._recipe()
                 try:
-                    after = None if now is None else with_approval(now)
+                    after = None if recipe_after is None else with_approval(recipe_after)
                     self._record("", before, outcome or after)
-                    if known is not None and now is not None:
-                        self._record_settings(known, now)
+                    if recipe_before is not None and recipe_after is not None:
+                        self._record_settings(recipe_before, recipe_after)
                 except ResultsUnavailable as error:  # its message says that nothing was changed
                     raise ResultsUnavailable(
                         f"{title}: ended, but the log of changes lacks its end: {error.__cause__}"

@@ -15,13 +15,13 @@ from .self_test import SelfTest
 from .station_rig import PartCamera
 from .triggers import Asker, RecipeRefusal, RecipeRefused
 
-# Time that a second asker waits for the first, whose recipe may have been taken just now.
+# Time that a second asker waits for the first, whose recipe may be loaded at any moment.
 TIMEOUT_S = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class _WantedRecipe:
-    """A recipe that is loaded and waits for the parts in progress, and the answer to its asker."""
+class _RecipeRequest:
+    """A recipe that waits for the parts in progress, and the answer to its asker."""
 
     recipe: UsableRecipe
     by: Asker
@@ -29,8 +29,9 @@ class _WantedRecipe:
 
 
 class Changeover:
-    """Exchanges the recipe, while the asker waits in `loading`; all but `take` is called under the
-    station's lock.
+    """Exchanges the recipe, while the asker waits in `loading`.
+
+    All methods but `loading` and `exchange` are called under the lock of the station.
     """
 
     def __init__(
@@ -40,13 +41,13 @@ class Changeover:
         is_stopping: Callable[[], bool],
     ) -> None:
         self._recipes, self._publish, self._is_stopping = recipes, publish, is_stopping
-        self._one = threading.Lock()
-        self._wanted: _WantedRecipe | None = None
+        self._loading_lock = threading.Lock()
+        self._request: _RecipeRequest | None = None
 
     @property
-    def is_wanted(self) -> bool:
+    def is_requested(self) -> bool:
         """Whether a recipe waits for the end of the parts in progress."""
-        return self._wanted is not None
+        return self._request is not None
 
     def lacks(self, name: str | None) -> bool:
         """Whether the loaded recipe is not the one that a trigger requires; None requires none."""
@@ -54,45 +55,48 @@ class Changeover:
         return name is not None and (recipes is None or recipes.present.recipe.name != name)
 
     @contextmanager
-    def loading(self, name: str, by: Asker) -> Iterator[_WantedRecipe]:
+    def loading(self, name: str, by: Asker) -> Iterator[_RecipeRequest]:
         """Load a recipe while parts go on, and run the block with the request."""
         if self._recipes is None:
             raise RecipeRefused("the station judges no parts", RecipeRefusal.NOT_READY)
-        if not self._one.acquire(timeout=TIMEOUT_S):
+        if not self._loading_lock.acquire(timeout=TIMEOUT_S):
             raise RecipeRefused("another recipe is being loaded", RecipeRefusal.BUSY)
         try:
-            request = _WantedRecipe(self._recipes.load(name, by, self._raise_if_cancelled), by)
+            request = _RecipeRequest(self._recipes.load(name, by, self._raise_if_cancelled), by)
             self._raise_if_cancelled()
             yield request
         except RecipeRefused as error:
             self._publish(Warned(f"recipe {name} is not loaded for {by.name}: {error}"))
             raise
         finally:
-            self._one.release()
+            self._loading_lock.release()
 
     def _raise_if_cancelled(self) -> None:
         if self._is_stopping():
             raise RecipeRefused("the station stops", RecipeRefusal.NOT_READY)
 
-    def want(self, request: _WantedRecipe) -> None:
-        """Let the station take a recipe as soon as no part is in progress, unless it stops."""
+    def request_exchange(self, request: _RecipeRequest) -> None:
+        """Request that a recipe is used as soon as no part is in progress; raise if it stops."""
         self._raise_if_cancelled()
-        self._wanted = request
+        self._request = request
 
     def refuse(self, reason: str) -> None:
         """Refuse the recipe that waits, if there is one."""
-        request, self._wanted = self._wanted, None
+        request, self._request = self._request, None
         if request is not None:
             request.answer.set_exception(RecipeRefused(reason, RecipeRefusal.NOT_READY))
 
-    def taken(self) -> _WantedRecipe | None:
-        """Return the waiting recipe for `take`, or None; `refuse` no longer affects it."""
-        request, self._wanted = self._wanted, None
+    def pop_request(self) -> _RecipeRequest | None:
+        """Return the waiting recipe for `exchange`, or None; `refuse` no longer affects it."""
+        request, self._request = self._request, None
         return request
 
-    def take(self, request: _WantedRecipe, camera: PartCamera, self_test: SelfTest) -> PartJudge:
-        """Exchange the recipe between parts and return the new judge; an exception keeps the
-        present one, and closes the rig.
+    def exchange(
+        self, request: _RecipeRequest, camera: PartCamera, self_test: SelfTest
+    ) -> PartJudge:
+        """Exchange the recipe between parts, and return the new judge.
+
+        An exception keeps the present recipe, and closes the rig.
         """
         recipes, recipe = self._recipes, request.recipe
         assert recipes is not None

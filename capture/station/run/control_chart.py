@@ -61,20 +61,23 @@ def broken_rules(values: Sequence[float], baseline: Baseline) -> tuple[str, ...]
 
 
 def _broken(offsets: Sequence[float]) -> Iterator[str]:
-    for points, least, sigmas in _RULES:
+    for points, min_beyond, sigmas in _RULES:
         recent = offsets[-points:]
         for sign, side in ((1.0, "above"), (-1.0, "below")):
             beyond = [sign * offset > sigmas for offset in recent]
-            if len(recent) == points and beyond[-1] and sum(beyond) >= least:
+            if len(recent) == points and beyond[-1] and sum(beyond) >= min_beyond:
                 distance = f"{sigmas:g} standard deviations {side}" if sigmas else side
-                yield f"{least} of {points} points {distance} the baseline"
+                yield f"{min_beyond} of {points} points {distance} the baseline"
 
 
 class _RuleSeries:
-    """Points of one chart: the first ones are its baseline; differences below `least` are none."""
+    """Points of one chart, of which the first are its baseline.
 
-    def __init__(self, least: float = 0.0) -> None:
-        self._least = least
+    A point that differs from the baseline by less than `min_change` breaks no rule.
+    """
+
+    def __init__(self, min_change: float = 0.0) -> None:
+        self._min_change = min_change
         self._first: list[float] = []
         self.baseline: Baseline | None = None
         self._recent: deque[float] = deque(maxlen=_MAX_RULE_POINTS)
@@ -83,7 +86,7 @@ class _RuleSeries:
         """Add a point; return which rules it breaks, in words."""
         if self.baseline is not None:
             self._recent.append(point)
-            if abs(point - self.baseline.mean) < self._least:
+            if abs(point - self.baseline.mean) < self._min_change:
                 return ()
             return broken_rules(list(self._recent), self.baseline)
         self._first.append(point)
@@ -108,20 +111,21 @@ class _NewWarnings:
         return begun
 
 
-class _Watched:
+class _LiveChart:
     """One chart of a running station."""
 
-    def __init__(self, least: float = 0.0) -> None:
-        self._series, self._warnings = _RuleSeries(least), _NewWarnings()
+    def __init__(self, min_change: float = 0.0) -> None:
+        self._series, self._warnings = _RuleSeries(min_change), _NewWarnings()
 
-    def add(self, point: float, further: Iterable[str] = ()) -> tuple[str, ...]:
-        """Add a point at which `further` warnings hold too; return the new warnings."""
-        return self._warnings.begun([*further, *self._series.add(point)])
+    def add(self, point: float, other_warnings: Iterable[str] = ()) -> tuple[str, ...]:
+        """Add a point, at which `other_warnings` hold as well; return the new warnings."""
+        return self._warnings.begun([*other_warnings, *self._series.add(point)])
 
 
 class ControlChart:
-    """Charts of a running station that subscribe to its events; a `Warned` comes again after eight
-    points without.
+    """Charts of a running station, which subscribe to its events and publish `Warned`.
+
+    A warning is repeated only if it did not hold for eight points.
     """
 
     def __init__(self, led_names: Sequence[str], publish: Callable[[Warned], None]) -> None:
@@ -129,13 +133,13 @@ class ControlChart:
         self._begin()
 
     def _begin(self) -> None:
-        self._levels = {name: _Watched(_MIN_LED_CHANGE) for name in self._led_names}
-        self._distance = _Watched()
+        self._levels = {name: _LiveChart(_MIN_LED_CHANGE) for name in self._led_names}
+        self._distance = _LiveChart()
         self._notes = _NewWarnings()
         self._group: list[PartResult] = []
 
     def __call__(self, live: LiveEvent) -> None:
-        """Take an event of the station: the result of a part, or another recipe."""
+        """Handle an event of the station: the result of a part, or another recipe."""
         if isinstance(live.event, RecipeLoaded):
             self._begin()
         elif isinstance(live.event, PartAnnounced):
@@ -143,7 +147,7 @@ class ControlChart:
                 self._publish(Warned(text))
 
     def add(self, result: PartResult) -> list[str]:
-        """Add a result; return the new warnings, of which its new notes are the first."""
+        """Add a result; return its new notes and the new warnings of the charts."""
         return [*self._notes.begun(result.notes), *self._of_measures(result)]
 
     def _of_measures(self, result: PartResult) -> list[str]:
@@ -176,7 +180,7 @@ def _relative_levels(group: Sequence[Sequence[float]]) -> list[float]:
 
 
 def _mean_log_distance(distances: Iterable[float]) -> float:
-    """Return the mean logarithm of distances, whose scatter is a share of their size."""
+    """Return the mean logarithm of distances, whose scatter is proportional to their size."""
     return statistics.fmean(map(math.log, distances))
 
 
@@ -195,7 +199,7 @@ class _ChartPoint:
     triggered_utc: str
     value: float  # arithmetic mean of levels, geometric mean of distances
     broken: tuple[str, ...]  # Western Electric rules that the point breaks, in words
-    begun: tuple[str, ...]  # those that a running station would report as new at this point
+    begun: tuple[str, ...]  # rules that a running station would report as new at this point
 
 
 @dataclass(frozen=True)
@@ -226,7 +230,7 @@ def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
             math.exp,
         ),
         *(
-            _history(groups, [point[led] for point in levels], least=_MIN_LED_CHANGE)
+            _history(groups, [point[led] for point in levels], min_change=_MIN_LED_CHANGE)
             for led in range(leds)
         ),
     )
@@ -236,18 +240,18 @@ def _history(
     groups: Sequence[Sequence[ChartedPart]],
     points: Sequence[float],
     value_of: Callable[[float], float] = lambda point: point,
-    least: float = 0.0,
+    min_change: float = 0.0,
 ) -> ChartHistory:
     """Apply the rules to points of groups; `value_of` converts a point to chart units."""
-    series, warnings, shown = _RuleSeries(least), _NewWarnings(), []
+    series, warnings, chart_points = _RuleSeries(min_change), _NewWarnings(), []
     for (*_, last), point in zip(groups, points, strict=True):
         broken = series.add(point)
         begun, value = warnings.begun(broken), value_of(point)
-        shown.append(
+        chart_points.append(
             _ChartPoint(last.number, last.part_id, last.triggered_utc, value, broken, begun)
         )
     if series.baseline is None:
-        return ChartHistory(tuple(shown), len(shown), None, None, None)
+        return ChartHistory(tuple(chart_points), len(chart_points), None, None, None)
     mean, three_sigma = series.baseline.mean, 3.0 * series.baseline.sigma
     centre, lower, upper = map(value_of, (mean, mean - three_sigma, mean + three_sigma))
-    return ChartHistory(tuple(shown), BASELINE_POINTS, centre, lower, upper)
+    return ChartHistory(tuple(chart_points), BASELINE_POINTS, centre, lower, upper)

@@ -113,12 +113,12 @@ class Station:
                 if self._live.state.state not in (State.READY, State.EXECUTING):
                     reason = f"not ready: {self._live.state.reason}"
                     raise RecipeRefused(reason, RecipeRefusal.NOT_READY)
-                self._changeover.want(request)
+                self._changeover.request_exchange(request)
                 self._become_free()
             return request.answer.result()
 
     def resume(self) -> None:
-        """Try again after a row of errors: somebody has seen one."""
+        """Try again after errors in a row, which somebody has acknowledged."""
         with self._lock:
             self._errors = 0
             fault = self._live.state.fault
@@ -152,7 +152,8 @@ class Station:
                 self.stop(interrupt)
             for thread in threads:
                 thread.join_through_interrupts()
-            # A timer records the periods that it missed; a source may wait for a key without end.
+            # Time for a timer to record the periods that it missed. No longer, because a source may
+            # wait for a key forever.
             feeder.join_through_interrupts(2.0 * _POLL_S)
         self._beginning.close()
         reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
@@ -225,14 +226,14 @@ class Station:
             self._live.change(Change.TESTED)
 
     def _change_recipe(self) -> None:
-        """Take another recipe as soon as the last part has its result."""
+        """Exchange the recipe as soon as the last part has its result."""
         with self._lock:
-            request = None if self._waiting > 0 else self._changeover.taken()
+            request = None if self._waiting > 0 else self._changeover.pop_request()
         if request is None:
             self._stopping.wait(_PAUSE_S)
             return
         try:
-            self._judge = self._changeover.take(request, self._camera, self._self_test)
+            self._judge = self._changeover.exchange(request, self._camera, self._self_test)
         except Exception as error:
             self._fail(fault_of(error))
         else:
@@ -308,8 +309,8 @@ class Station:
                 return self._exposed.get(timeout=_POLL_S)
 
     def _add(self, result: PartResult) -> PartResult:
-        """Write a row, as soon as the database answers."""
-        given_up_s = None
+        """Write a row; wait until the database answers."""
+        deadline_s = None
         while True:
             try:
                 return self._store.add(result)
@@ -317,8 +318,8 @@ class Station:
                 self._fail(fault_of(error))
                 if self.is_stopping:
                     now_s = self._clock.monotonic_s()
-                    given_up_s = given_up_s or now_s + _LAST_WAIT_S
-                    if now_s > given_up_s:
+                    deadline_s = deadline_s or now_s + _LAST_WAIT_S
+                    if now_s > deadline_s:
                         raise
             self._report_alive("verdict")
             time.sleep(_RETRY_S)
@@ -338,7 +339,7 @@ class Station:
                 return f"busy: {self._waiting} parts wait for their verdict", Refusal.BUSY
             if self._live.state.state is not State.READY:
                 waits, tests = "a recipe waits for the parts in progress", "the self-test runs"
-                why = waits if self._changeover.is_wanted else tests
+                why = waits if self._changeover.is_requested else tests
                 return f"not ready: {why}", Refusal.NOT_READY
             if self._changeover.lacks(trigger.recipe):
                 return f"recipe {trigger.recipe} is not the loaded one", Refusal.RECIPE
@@ -354,7 +355,7 @@ class Station:
             return None
 
     def _release(self, failure: Fault | None) -> None:
-        """Give back what `_reserve` reserved, for a part that was not begun."""
+        """Undo `_reserve` for a part that was not begun."""
         with self._lock:
             self._exposing = False
             if self._left is not None:
@@ -370,19 +371,19 @@ class Station:
         return Refused(reason, kind)
 
     def _become_free(self) -> None:
-        """Take another recipe or the next trigger, if the camera is free."""
+        """Allow a change of recipe, or the next trigger, if the camera is free."""
         with self._lock:
             state, has_buffer = self._live.state.state, self._waiting < self._config.buffers
             if self._exposing or state not in (State.READY, State.EXECUTING):
                 return
-            if self._changeover.is_wanted:
+            if self._changeover.is_requested:
                 self._live.change(Change.RECIPE)
             elif has_buffer and state is State.EXECUTING and not self.is_stopping:
                 self._live.change(Change.FREE)
 
     @property
     def _has_lasting_errors(self) -> bool:
-        """Whether the line stands until somebody has seen the errors: the self-test finds none."""
+        """Whether the line stops until somebody acknowledges errors that the self-test misses."""
         return self._errors >= self._config.stop_after_errors
 
     def _count_error(self, fault: Fault, *, fails: bool = True) -> None:

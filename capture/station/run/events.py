@@ -32,7 +32,7 @@ class StateChanged:
     state: State
     change: Change
     fault: Fault | None = None
-    why: str = ""  # in words, where neither change nor fault says it
+    why: str = ""  # reason in words, if neither change nor fault gives it
 
     @property
     def reason(self) -> str:
@@ -85,7 +85,7 @@ class PartAnnounced:
     kind: ClassVar = "part"
     result: PartResult
     latency_ms: float  # since the end of its last exposure
-    fault: Fault | None = None  # of a device, which the part has shown
+    fault: Fault | None = None  # of a device, detected in this part
 
 
 @dataclass(frozen=True)
@@ -174,7 +174,7 @@ Event = (
 )
 
 _DIGITS = 8  # of a hash, for people to compare
-# What programs need of a result that is announced; its row has the rest.
+# Fields of an announced result for programs; its row in the results has all.
 _RESULT_FIELDS = (
     "part_id", "number", "decision", "causes", "reason", "simulated", "set_file", "chain_sha256",
 )  # fmt: skip
@@ -230,8 +230,12 @@ def json_fields(event: Event) -> dict[str, Any]:
         case PartRecovered(result):
             return {"event": event.kind, **_of(result)}
         case StateChanged(state, _, fault):
-            about = {"state": state, "reason": event.reason}
-            return {"event": event.kind, **about, "fault": None if fault is None else asdict(fault)}
+            return {
+                "event": event.kind,
+                "state": state,
+                "reason": event.reason,
+                "fault": None if fault is None else asdict(fault),
+            }
         case _:
             return {"event": event.kind, **asdict(event)}
 

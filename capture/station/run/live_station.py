@@ -46,8 +46,9 @@ _log = logging.getLogger(__name__)
 
 
 class LiveStation(LiveView):
-    """Owner of a run's state, and way to its cycle; `publish` never waits, `wait_for_room` bounds
-    its memory.
+    """Owner of a run's state; passes events to its subscribers, and requests to its cycle.
+
+    `publish` never waits, so the number of events in memory is bounded by `wait_for_room`.
     """
 
     def __init__(
@@ -62,7 +63,7 @@ class LiveStation(LiveView):
         super().__init__(state, now_s)
         self._queue: queue.SimpleQueue[LiveEvent | None] = queue.SimpleQueue()
         self._subscribers: tuple[Subscriber, ...] = ()
-        self._thread = threading.Thread(target=self._tell, name="station events")
+        self._thread = threading.Thread(target=self._deliver, name="station events")
         self._changed = threading.Condition(self._lock)
         self.refusals = Refusals(self.publish, self.wait_for_room)
         self._target: Station | None = None
@@ -110,15 +111,15 @@ class LiveStation(LiveView):
             self._thread.join()
 
     def wait_for_room(self, is_over: Callable[[], bool]) -> None:
-        """Wait while subscribers, but for one that calls this, are `MAX_EVENTS` behind, unless
-        `is_over`.
+        """Wait until subscribers are less than `MAX_EVENTS` behind, or `is_over`; a call by a
+        subscriber returns at once.
         """
         while self._queue.qsize() >= MAX_EVENTS and not is_over():
             if threading.current_thread() is self._thread:
                 return
             time.sleep(_POLL_S)
 
-    def _tell(self) -> None:
+    def _deliver(self) -> None:
         is_last = False
         while not (is_last and self._queue.empty()):  # a subscriber may publish, too
             published = self._queue.get()
@@ -161,8 +162,8 @@ class LiveStation(LiveView):
                 self.publish(device)
 
     def acknowledge(self, part_id: str | None, by: str) -> bool:
-        """Record that a rejected part, or the fault that stops the line (None), was seen; False if
-        there is none.
+        """Record that somebody has seen a rejected part, or the fault that stops the line (None);
+        False if there is no such part or fault.
         """
         with self._lock:
             rejected = {part.result.part_id: part for part in self._state.rejected}

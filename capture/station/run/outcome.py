@@ -57,8 +57,9 @@ class PartJudge:
     def result_of(
         self, part: ExposedPart, writer: ThreadPoolExecutor
     ) -> tuple[PartResult, Fault | None, BaseException | None]:
-        """Judge a part while `writer` saves its set, needed to pass; return the result, a fault,
-        any exception.
+        """Judge a part while `writer` saves its set, without which no part passes.
+
+        Return the result, the fault of a device, and the exception, which makes the part an ERROR.
         """
         failures: list[tuple[BaseException, Cause | None]] = []
         if part.error is not None:
@@ -75,11 +76,13 @@ class PartJudge:
         judged = saved = None
         captured = part.captured
         if captured is not None:
-            saving = tried(lambda: writer.submit(self._saved, part.begun, captured), Cause.STORAGE)
+            saving = tried(
+                lambda: writer.submit(self._save_set, part.begun, captured), Cause.STORAGE
+            )
             judged = tried(lambda: self._judged(captured, unjudged))
             if saving is not None:
                 saved = tried(saving.result, Cause.STORAGE)
-        result = None if failures else tried(lambda: self._whole(part, judged, saved))
+        result = None if failures else tried(lambda: self._complete(part, judged, saved))
         if result is not None:
             return result, _fault_shown_by(result), None
         error, cause = failures[0]
@@ -88,7 +91,7 @@ class PartJudge:
         return replace(result, **(saved or {})), fault, error
 
     def _unjudged(self, part: ExposedPart) -> PartResult:
-        """The result of a part before its verdict, which no part keeps."""
+        """Result of a part before its verdict: a provisional ERROR."""
         captured = part.captured
         result = PartResult(
             station=self._station,
@@ -112,19 +115,20 @@ class PartJudge:
         timings_ms = result.timings_ms | {"inspect": inspect_ms}
         return replace(result, timings_ms=timings_ms)
 
-    def _whole(
+    def _complete(
         self, part: ExposedPart, judged: PartResult | None, saved: dict[str, Any] | None
     ) -> PartResult:
-        """Return a result with all its timings; raises for values that no row can hold."""
+        """Return a result with all its timings; raise for values that no row can hold."""
         if judged is None or saved is None:
             raise ValueError("the part was not judged, or its set was not saved")
         timings_ms = part.timings_ms | judged.timings_ms | saved["timings_ms"]
         values = saved | {"decided_utc": self._clock.now(), "timings_ms": timings_ms}
         result = replace(judged, **values)
+        # Raises for values that cannot be stored, here, where that is still an ERROR of the part.
         result.row  # noqa: B018
         return result
 
-    def _saved(self, begun: BegunPart, captured: CapturedSet) -> dict[str, Any]:
+    def _save_set(self, begun: BegunPart, captured: CapturedSet) -> dict[str, Any]:
         """Write the set; return the fields of the result that name it."""
         began_s = self._clock.monotonic_s()
         set_file = set_file_of(begun.part_id, begun.triggered_utc)
@@ -137,7 +141,9 @@ class PartJudge:
 
 
 def _fault_shown_by(result: PartResult) -> Fault | None:
-    """The fault in a verdict ERROR; where levels were measured, the lights have it."""
+    """The fault that a verdict ERROR shows; a fault of the rig is one of its lights if LED levels
+    were measured.
+    """
     verdict = result.verdict
     if verdict.decision is not Decision.ERROR:
         return None

@@ -27,7 +27,7 @@ def finish_interrupted(
 ) -> Iterator[PartResult]:
     """Give each begun part without a result the verdict ERROR, and yield it with its intact set."""
     for begun in store.unfinished():
-        stored, reason = _left_behind(folder, begun)
+        stored, reason = _interrupted_set(folder, begun)
         result = PartResult(
             station=store.station,
             exposed_utc=None,
@@ -41,7 +41,7 @@ def finish_interrupted(
         yield store.add(result)
 
 
-def _left_behind(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:
+def _interrupted_set(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:
     """Set fields of an interrupted part's result, and the reason of its verdict."""
     set_file = set_file_of(begun.part_id, begun.triggered_utc)
     reason = "the station was interrupted before the verdict"
@@ -86,8 +86,8 @@ def require_own_sets(folder: StationFolder, store: ResultStore) -> None:
 def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:
     """Yield a line for each set file whose part is not in the results."""
     names = iter(sorted((folder / PARTS).glob(f"*/*{SET_SUFFIX}")))
-    while some := list(islice(names, _FILES_AT_A_TIME)):
-        ids = {path.name.removesuffix(SET_SUFFIX): path for path in some}
+    while batch := list(islice(names, _FILES_AT_A_TIME)):
+        ids = {path.name.removesuffix(SET_SUFFIX): path for path in batch}
         for part_id in sorted(ids.keys() - store.known(ids)):
             path = ids[part_id].relative_to(folder)
             yield f"{path}: no part of the results; keep it elsewhere, or restore the database"

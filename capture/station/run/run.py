@@ -87,9 +87,7 @@ def _checks(
     live: LiveStation,
     clock: StationClock,
 ) -> Iterator[Check]:
-    """All checks but those of recipe and rig, with results for interrupted parts, once parts that
-    began late are recorded.
-    """
+    """Check disk and database; then publish the results of parts that a killed run left behind."""
     floor_mb, size = folder.config.disk_floor_mb, set_bytes(rig_config)
     yield from collected("disk", lambda: check_disk(folder.path, floor_mb, size), "disk")
     yield from check_results(store)

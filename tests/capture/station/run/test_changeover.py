@@ -123,7 +123,7 @@ def test_parts_in_progress_keep_the_recipe_of_their_trigger(station: Bench) -> N
         assert exposing.wait(WAIT_S)
         asking = Asking(target)
         assert isinstance(trigger(target), Refused)
-        until_so(lambda: target._changeover.is_wanted)
+        until_so(lambda: target._changeover.is_requested)
         go_on.set()
         asking.join(WAIT_S)
         assert asking.answer == RecipeLoaded("brass", 1, asking.answer.sha256, "kim")
@@ -194,7 +194,7 @@ def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(
         trigger(target)
         assert judging.wait(WAIT_S)
         asking = Asking(target)
-        until_so(lambda: target._changeover.is_wanted)
+        until_so(lambda: target._changeover.is_requested)
         refused = trigger(target)
         go_on.set()
         asking.join(WAIT_S)
@@ -331,7 +331,7 @@ def test_a_station_that_fails_or_stops_refuses_the_recipe_that_waits(station: Be
         trigger(target)
         assert inspecting.wait(WAIT_S)
         answers.append(Asking(target))
-        until_so(lambda: target._changeover.is_wanted)
+        until_so(lambda: target._changeover.is_requested)
         assert trigger(target).kind is Refusal.NOT_READY
         target.stop()  # type: ignore[attr-defined]
         assert trigger(target).kind is Refusal.STOPPING
