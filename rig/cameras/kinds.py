@@ -1,4 +1,4 @@
-"""The kinds of camera: one row for each, from which all that depends on the kind is read."""
+"""The table of the kinds of camera; code that depends on the kind reads its row."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass

@@ -39,9 +39,11 @@ _PIXEL_VALUE_CONTROLS = (
     "WHITE_BALANCE_BLUE_U",
     "WHITE_BALANCE_RED_V",
 )
-_LACKING_VALUE = -1.0  # of a property that the camera lacks
+# Value that OpenCV returns for a property that the camera lacks.
+_LACKING_VALUE = -1.0
 
-_Grabbed = tuple[Pixels, float]  # pixels, and the time of arrival in s
+_Grabbed = tuple[Pixels, float]
+"""Pixels, and the time of their arrival in s."""
 
 
 class OpencvCameraConfig(VideoCameraConfig):
@@ -52,8 +54,10 @@ class OpencvCameraConfig(VideoCameraConfig):
 
 
 class OpencvCamera:
-    """A camera of ``cv2.VideoCapture``, whose n buffers date a frame: one exposure and period
-    before the arrival of the frame n + 1 earlier.
+    """A camera of ``cv2.VideoCapture``, which gives frames no time stamps.
+
+    With n buffers, a frame was exposed at the earliest one exposure and one frame period before the
+    arrival of the frame n + 1 earlier; that time is its `exposure_start_s`.
     """
 
     def __init__(self, config: OpencvCameraConfig) -> None:
@@ -110,7 +114,7 @@ class OpencvCamera:
         return 1.0 / _EXPOSURE_UNITS_PER_MS, 1e3 / self._config.frame_rate_hz
 
     def set_exposure(self, exposure_ms: float) -> None:
-        """Change the exposure in steps of 0.1 ms; OpenCV's value of it must agree."""
+        """Change the exposure in steps of 0.1 ms, and read it back."""
         require_exposure(exposure_ms, self.exposure_range_ms)
         if self._config.fixed_exposure:
             return
@@ -118,7 +122,7 @@ class OpencvCamera:
             raise ControlError(self._path, *faults)
 
     def read(self, timeout_s: float) -> Frame:
-        """The oldest frame that OpenCV has, or the next one to arrive."""
+        """The oldest frame in the queue, or the next one."""
         if self._closing.is_set():
             raise CameraError(f"{self._path}: the camera is closed")
         try:
@@ -128,7 +132,7 @@ class OpencvCamera:
                 f"{self._path}: no frame in {timeout_s:g} s; check the cable"
             ) from None
         if isinstance(grabbed, CameraError):
-            # Every later call raises it again.
+            # Put back, so that every later call raises it again.
             with suppress(queue.Full):
                 self._frames.put_nowait(grabbed)
             raise CameraError(str(grabbed)) from grabbed
@@ -174,10 +178,10 @@ class OpencvCamera:
             )
         return image.astype(np.uint8, copy=False), arrived_s
 
-    def _put(self, item: _Grabbed | CameraError) -> None:
+    def _put(self, grabbed_or_error: _Grabbed | CameraError) -> None:
         while not self._closing.is_set():
             with suppress(queue.Full):
-                self._frames.put(item, timeout=0.1)
+                self._frames.put(grabbed_or_error, timeout=0.1)
                 return
 
     def _configure(self) -> None:
@@ -217,7 +221,7 @@ class OpencvCamera:
                 faults += self._set(name, float(value))
         if faults:
             raise ControlError(self._path, *faults)
-        # Read here, because a thread reads frames later.
+        # Read here, before the thread that reads frames starts.
         names = ("GAIN", "GAMMA", *_PIXEL_VALUE_CONTROLS)
         read = {name: video.get(_property(name)) for name in names}
         values = {name.lower(): value for name, value in read.items() if value != _LACKING_VALUE}
@@ -245,12 +249,12 @@ class OpencvCamera:
 
     def _set(self, name: str, value: float) -> list[ControlFault]:
         key = _property(name)
-        obeyed = self._video.set(key, value)
-        held = self._video.get(key)
-        self._read_back[name.lower()] = held
-        if obeyed and held == value:
+        accepted = self._video.set(key, value)
+        read_back = self._video.get(key)
+        self._read_back[name.lower()] = read_back
+        if accepted and read_back == value:
             return []
-        finding = f"{name.lower()} was set to {value:g} through OpenCV and reads {held:g}"
+        finding = f"{name.lower()} was set to {value:g} through OpenCV and reads {read_back:g}"
         advice = (
             "the camera does not obey, or lacks the control; use kind = 'v4l2' or another camera"
         )
@@ -266,7 +270,7 @@ def _property(name: str) -> int:
 def _opened(path: str) -> cv2.VideoCapture:
     import cv2
 
-    # OpenCV would print its own messages.
+    # Suppress messages that OpenCV prints.
     level = cv2.utils.logging.getLogLevel()
     cv2.utils.logging.setLogLevel(0)
     try:

@@ -107,33 +107,34 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask
         candidates = [port for port in ports if port.may_be_a_microcontroller]
     else:
         candidates = [port for port in ports if port.usb_id == lights.usb_id]
-    by_usb = [
+    by_usb_serial = [
         port
         for port in ports
-        if serial_number is not None and _same(port.serial_number, serial_number)
+        if serial_number is not None and _same_number(port.serial_number, serial_number)
     ]
     if lights.usb_id is not None:
-        by_usb = [port for port in by_usb if port in candidates]
-    candidates = by_usb or candidates
-    if len(candidates) == 1 and (by_usb or serial_number is None):
+        by_usb_serial = [port for port in by_usb_serial if port in candidates]
+    candidates = by_usb_serial or candidates
+    if len(candidates) == 1 and (by_usb_serial or serial_number is None):
         return candidates[0].device  # opening it identifies the controller
     answered: list[tuple[SerialPort, ControllerIdentity]] = []
-    silent: list[str] = []
+    rejected: list[str] = []
     for port in candidates:
         try:
             identity = ask(port.device)
         except LightControllerError as error:
-            silent.append(str(error))
+            rejected.append(str(error))
             continue
-        if serial_number is None or by_usb or _same(identity.serial_number, serial_number):
+        required_number = serial_number if not by_usb_serial else None
+        if required_number is None or _same_number(identity.serial_number, required_number):
             answered.append((port, identity))
         else:
-            silent.append(f"{port.device}: light controller {identity.serial_number}")
+            rejected.append(f"{port.device}: light controller {identity.serial_number}")
     if len(answered) == 1:
         return answered[0][0].device
     if answered:
         raise LightControllerError(_ambiguity_text(answered))
-    raise LightControllerError(_not_found_text(lights, ports, silent))
+    raise LightControllerError(_not_found_text(lights, ports, rejected))
 
 
 def known_port(port: str, ports: Iterable[SerialPort]) -> SerialPort:
@@ -156,8 +157,8 @@ def ports_to_try(previous: SerialPort, ports: Iterable[SerialPort]) -> list[str]
     return [previous.device, *others]
 
 
-def _same(one: str | None, other: str) -> bool:
-    return one is not None and one.casefold() == other.casefold()
+def _same_number(number: str | None, other: str) -> bool:
+    return number is not None and number.casefold() == other.casefold()
 
 
 def _ambiguity_text(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -> str:
@@ -172,13 +173,13 @@ def _ambiguity_text(answered: Sequence[tuple[SerialPort, ControllerIdentity]]) -
 
 
 def _not_found_text(
-    lights: LightsConfig, ports: Sequence[SerialPort], silent: Sequence[str]
+    lights: LightsConfig, ports: Sequence[SerialPort], rejected: Sequence[str]
 ) -> str:
     number, usb_id = lights.serial_number, lights.usb_id
     keys = (number and f"serial number {number}", usb_id and f"USB id {usb_id}")
     selection = " and ".join(filter(None, keys))
     controller = f"light controller with {selection}" if selection else "light controller"
-    outcome = "; ".join(silent) or ", ".join(map(str, ports)) or "there are no serial ports"
+    outcome = "; ".join(rejected) or ", ".join(map(str, ports)) or "there are no serial ports"
     return (
         f'lights.port = "{AUTO}": no {controller} was found ({outcome}); is it plugged in? Or set '
         "lights.port to its device"

@@ -21,7 +21,7 @@ class Switch:
     """An acknowledged change of the lights.
 
     `led` is None for all off. `controller_time_us` is the time of the change on the controller's
-    clock, `acknowledged_s` the later time of the acknowledge on the rig's clock.
+    clock, `acknowledged_s` the later time of the acknowledgement on the rig's clock.
     """
 
     led: int | None
@@ -60,13 +60,13 @@ class LightController:
     port
         Device name or pyserial URL.
     clock
-        The rig's clock, on which acknowledges are stamped.
+        The rig's clock, on which acknowledgements are stamped.
     baud
         Bits per second; USB serial ports ignore it.
     watchdog_ms
         Silence after which the controller puts the LEDs out.
     possible_ports
-        Ports on which `recover` looks for the controller, in this order; `port` if left out.
+        Ports on which `recover` looks for the controller, in this order; only `port` by default.
     timeouts
         How long to wait for the controller.
 
@@ -138,7 +138,8 @@ class LightController:
 
     def state(self) -> _LightState:
         """Ask the controller for the state of its LEDs, which also keeps its watchdog quiet."""
-        with self._lock:  # the reply of a keep-alive in between would be a later one
+        # Without the lock, a keep-alive between reply and parsing would make `_latest_us` later.
+        with self._lock:
             return self._state_in(self._exchange("LED:STAT?"))
 
     def ask(self, command: str, count: int) -> Answer:
@@ -280,7 +281,7 @@ class LightController:
         self._exchange(f"SYST:WDOG {self._watchdog_ms}")
 
     def _state_in(self, reply: Reply) -> _LightState:
-        # The number of LEDs is that of the first state, at opening.
+        # LED, levels and time. The first reply, at opening, determines the number of LEDs.
         count = max(3, reply.text.count(",") + 1)
         led, *levels, time_us = self._numbers(reply, count)
         if self.led_count not in (0, len(levels)):

@@ -57,9 +57,7 @@ def sha256(file: Path) -> str:
 
 
 def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> _Flashed:
-    """Put files on the MicroPython board at a serial port, and start them in place of the running
-    program.
-    """
+    """Replace the program of the MicroPython board at a serial port by `files`, and start it."""
     if find_spec("mpremote") is None:
         raise InputError("flashing needs mpremote: pip install 'ps4rig[flash]'")
     if holders := port_holders(port):
@@ -74,7 +72,7 @@ def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> _F
     time.sleep(_RESET_S)
     _until_ready(lambda: _on_board(port, "exec", "pass"))
     try:
-        _put(port, files)
+        _write_files(port, files)
     except LightControllerError:
         with suppress(LightControllerError):
             _on_board(port, "reset")  # the old program runs again
@@ -102,7 +100,7 @@ def find_board(ports: Sequence[SerialPort]) -> str:
     )
 
 
-def _put(port: str, files: Sequence[Path]) -> None:
+def _write_files(port: str, files: Sequence[Path]) -> None:
     _on_board(port, "exec", "import rp2")  # fails on other boards, whose pins differ
     names = [file.name for file in files]
     for file in files:
@@ -153,9 +151,9 @@ def _until_ready(attempt: Callable[[], _Result]) -> _Result:
         time.sleep(0.2)
 
 
-def _on_board(port: str, *words: str) -> str:
+def _on_board(port: str, *arguments: str) -> str:
     """Run a command of mpremote at MicroPython's prompt; return its output."""
-    command = [sys.executable, "-m", "mpremote", "connect", port, "resume", *words]
+    command = [sys.executable, "-m", "mpremote", "connect", port, "resume", *arguments]
     try:
         result = subprocess.run(
             command,

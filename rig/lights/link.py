@@ -91,8 +91,9 @@ class ControllerIdentity:
 
 
 class ControllerLink:
-    """An exclusively opened port on which a light controller has identified itself; before, only an
-    empty line and ``*IDN?`` are written.
+    """An exclusively opened port on which a light controller has identified itself.
+
+    Before that, only an empty line and ``*IDN?`` are written.
     """
 
     def __init__(
@@ -141,11 +142,12 @@ class ControllerLink:
         while left_s > 0.0:
             sequence = self._send("*IDN?")
             timeout = ReplyTimeout(min(left_s, self._reply_s))
+            # The time of this attempt; what it does not use is added again below.
             left_s -= timeout.left_s
             while (line := self._line.read_line(timeout)) is not None:
                 last_line = line
                 if line.startswith(_BANNER):
-                    break  # it has just started, and earlier commands are lost: ask again
+                    break  # the controller has just started and lost the command: ask again
                 with suppress(Garbled):
                     reply = decode_reply(line)
                     if reply.sequence == sequence and reply.ok:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from classify.base.errors import ConfigError
 from firmware_sim.firmware import DARK, MAX_LINE_BYTES, MAX_SEQUENCE, MESSAGES
@@ -16,7 +17,7 @@ from .link import encode_command
 
 # Drift between the clocks: two crystals of 50 ppm each, doubled for temperature and age.
 _DRIFT = 2e-4
-# Of a sequence that waits for hours only the latest exchanges relate the clocks.
+# Number of latest exchanges that relate the clocks, for a sequence that waits for hours.
 _EXCHANGES = 1000
 
 
@@ -39,17 +40,35 @@ def require_short_command(plan: SequencePlan) -> None:
 
 def exposure_left_s(lights: LightController, plan: SequencePlan) -> float:
     """Seconds for which an exposure of an aborted sequence of `plan` may still run."""
-    *_, code, started_us, passed_us, now_us = _status(lights).numbers
-    return max(0.0, 1e-6 * (started_us + passed_us + plan.wait_us - now_us)) if code else 0.0
+    status = _Status(*_ask_status(lights).numbers)
+    if not status.error_code:
+        return 0.0
+    return max(0.0, 1e-6 * (status.ended_us + plan.wait_us - status.now_us))
 
 
 def parts_seen(lights: LightController) -> int:
-    """Return how many parts the sensor has seen since the controller was reset."""
+    """Return the number of parts that the sensor has detected since the controller was reset."""
     return lights.ask("PART:STAT?", 3).numbers[0]
 
 
-def _status(lights: LightController) -> Answer:
-    return lights.ask("SEQ:STAT?", 7)
+class _Status(NamedTuple):
+    """The numbers of ``SEQ:STAT?``; times in the controller's microseconds."""
+
+    is_running: int
+    begun_steps: int
+    all_steps: int
+    error_code: int  # of an early end; 0 without
+    started_us: int
+    duration_us: int
+    now_us: int
+
+    @property
+    def ended_us(self) -> int:
+        return self.started_us + self.duration_us
+
+
+def _ask_status(lights: LightController) -> Answer:
+    return lights.ask("SEQ:STAT?", len(_Status._fields))
 
 
 @dataclass(frozen=True)
@@ -63,15 +82,15 @@ class ClockRelation:
     def of(cls, answers: Sequence[tuple[int, Answer]]) -> ClockRelation:
         """Relate the clocks by exchanges that contain the controller's time in microseconds."""
         span_s = answers[-1][1].received_s - answers[0][1].sent_s
-        least_s = max(answer.sent_s - 1e-6 * at_us for at_us, answer in answers)
-        most_s = min(answer.received_s - 1e-6 * at_us for at_us, answer in answers)
+        lower_s = max(answer.sent_s - 1e-6 * at_us for at_us, answer in answers)
+        upper_s = min(answer.received_s - 1e-6 * at_us for at_us, answer in answers)
         slack_s = _DRIFT * span_s
-        if least_s > most_s + slack_s:
+        if lower_s > upper_s + slack_s:
             raise LightControllerError(
-                f"the light controller's clock is off by {1e3 * (least_s - most_s):.3g} ms within "
+                f"the light controller's clock is off by {1e3 * (lower_s - upper_s):.3g} ms within "
                 f"{span_s:.3g} s; did it restart?"
             )
-        return cls(0.5 * (least_s + most_s), 0.5 * abs(most_s - least_s) + slack_s)
+        return cls(0.5 * (lower_s + upper_s), 0.5 * abs(upper_s - lower_s) + slack_s)
 
     def on_rig_s(self, at_us: int) -> float:
         """Convert a time of the controller to the rig's clock."""
@@ -111,8 +130,8 @@ class SequenceReport:
 class RunningSequence:
     """A sequence that the controller runs; constructing it starts the sequence.
 
-    With `part_delay_s` it waits until the part sensor has seen a part and this time has passed.
-    `is_running` has to be called meanwhile, or the watchdog ends the wait.
+    With `part_delay_s` it waits until the part sensor has detected a part and this time has passed.
+    `is_running` has to be called during the wait, or the watchdog ends it.
 
     Raises
     ------
@@ -130,39 +149,40 @@ class RunningSequence:
         self.sent_s = answer.sent_s
         self._started_us = answer.numbers[0]
         self._stamped = deque([(self._started_us, answer)], _EXCHANGES)
-        self._status: tuple[int, ...] = ()
+        self._status: _Status | None = None
 
     def is_running(self) -> bool:
         """Ask whether the sequence still runs, which also keeps the watchdog quiet."""
-        answer = _status(self._lights)
-        self._status = answer.numbers
-        self._stamped.append((answer.numbers[6], answer))
-        if answer.numbers[4] != self._started_us:
+        answer = _ask_status(self._lights)
+        status = self._status = _Status(*answer.numbers)
+        self._stamped.append((status.now_us, answer))
+        if status.started_us != self._started_us:
             raise LightControllerError(
                 f"{self._lights.port}: the controller does not know the sequence that was started; "
                 "did it restart?"
             )
-        return bool(answer.numbers[0])
+        return bool(status.is_running)
 
     @property
     def has_begun(self) -> bool:
         """Whether its first light was lit, as of the last `is_running`."""
-        return bool(self._status and self._status[1])
+        return self._status is not None and self._status.begun_steps > 0
 
     def begun_s(self) -> float:
         """Time at which its first light was lit, on the rig's clock."""
         return ClockRelation.of(self._stamped).on_rig_s(self._step(0).lit_us)
 
     def report(self) -> SequenceReport:
-        """Return the record as of the last `is_running`."""
-        runs, begun, _, code, started_us, passed_us, _ = self._status
-        cause = "it still runs" if runs else None
-        if code:
-            cause = MESSAGES.get(code, f"error {code}")
+        """Return the record as of the last `is_running`, which must have been called."""
+        status = self._status
+        assert status is not None
+        cause = "it still runs" if status.is_running else None
+        if status.error_code:
+            cause = MESSAGES.get(status.error_code, f"error {status.error_code}")
         return SequenceReport(
-            steps=tuple(self._step(index) for index in range(begun)),
+            steps=tuple(self._step(index) for index in range(status.begun_steps)),
             cause=cause,
-            ended_us=started_us + passed_us,
+            ended_us=status.ended_us,
             clock=ClockRelation.of(self._stamped),
         )
 

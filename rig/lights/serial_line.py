@@ -18,7 +18,7 @@ from classify.base.errors import ConfigError
 from rig.errors import LightControllerError
 
 _PROC = Path("/proc")
-# Processor time after which the search ends early, on a machine with very many open files.
+# Processor time after which the search ends incomplete, on a machine with very many open files.
 _MAX_SEARCH_S = 1.0
 
 
@@ -64,12 +64,12 @@ def _target(entry: os.DirEntry[str]) -> str:
 
 
 def _is_of_a_container(entry: os.DirEntry[str], target: str) -> bool:
-    """Whether an open pseudo-terminal is of another /dev/pts, which uses the same names."""
+    """Whether an open pseudo-terminal is one of a container, whose /dev/pts has the same names."""
     if not target.startswith("/dev/pts/"):
         return False
     try:
         return entry.stat().st_dev != os.stat(target).st_dev  # noqa: PTH116 - as above
-    except OSError:  # closed since
+    except OSError:  # closed since it was listed
         return True
 
 
@@ -164,7 +164,7 @@ class _SerialPort:
 
 
 def _refuse_a_shared_port(port: str) -> None:
-    """Refuse a port that another program has open, even without a lock on it."""
+    """Refuse a port that another program has open, even if it has not locked it."""
     for pause_s in (_PROBE_WAIT_S, 0.0):
         holders = [holder for holder in port_holders(port) if holder.pid != os.getpid()]
         if not holders:
@@ -174,7 +174,7 @@ def _refuse_a_shared_port(port: str) -> None:
 
 
 class _TcpPort:
-    """A TCP connection. pyserial's takes one byte at a time, and 0.3 s to close."""
+    """A TCP connection; that of pyserial reads one byte at a time, and takes 0.3 s to close."""
 
     def __init__(self, address: tuple[str, int], write_timeout_s: float) -> None:
         self._socket = socket.create_connection(address, _CONNECT_S)
@@ -217,7 +217,7 @@ _MAX_LINE_BYTES = 512  # the longest reply, LED:STAT? of 64 LEDs, has about 280 
 
 
 class ReplyTimeout:
-    """The time left for an answer; time in which this program was not scheduled does not count."""
+    """The time left for a reply; time in which this program was not scheduled does not count."""
 
     def __init__(self, left_s: float) -> None:
         self.left_s = left_s
@@ -236,12 +236,12 @@ class SerialLine:
     def __init__(self, port: str, baud: int, write_timeout_s: float) -> None:
         self.port = port
         self._buffer = bytearray()
-        self._open = open_port(port, baud, write_timeout_s)
+        self._byte_port = open_port(port, baud, write_timeout_s)
 
     def write(self, data: bytes) -> None:
         """Send `data`; raise `LightControllerError` if the port is gone or accepts nothing."""
         try:
-            self._open.write(data)
+            self._byte_port.write(data)
         except OSError as error:
             raise self._lost(error) from error
 
@@ -262,14 +262,14 @@ class SerialLine:
             if timeout.left_s <= 0.0:
                 return None
             try:
-                self._buffer += self._open.receive()
+                self._buffer += self._byte_port.receive()
             except OSError as error:
                 raise self._lost(error) from error
             timeout.count()
 
     def close(self) -> None:
         """Release the port; never raise."""
-        self._open.close()
+        self._byte_port.close()
 
     def _lost(self, error: OSError) -> LightControllerError:
         return LightControllerError(

@@ -42,8 +42,10 @@ _LIMITED_WHITE = 234
 
 
 class V4l2Camera:
-    """A streaming V4L2 camera in measurement mode, whose buffers are claimed first, so that a
-    second program fails before it changes a control.
+    """A streaming V4L2 camera in measurement mode.
+
+    Its buffers are claimed before any control is set, so that a second program fails before it
+    changes a control.
     """
 
     def __init__(self, config: V4l2CameraConfig) -> None:
@@ -164,7 +166,7 @@ class V4l2Camera:
         except CameraError as error:
             raise type(error)(f"{self._device.path}: frame {capture.sequence}: {error}") from error
         if self._pixel_format.name in _LUMA and form.quantization != "full range":
-            # The limited range ends here; without this a saturated pixel would look valid.
+            # White is the largest value of the limited range: mark it as saturated.
             pixels[pixels >= _LIMITED_WHITE] = 255
         return pixels
 
@@ -192,14 +194,16 @@ def _record(device: V4l2Device, form: VideoFormat, config: V4l2CameraConfig) -> 
     return record
 
 
-# In periods. The writer's stamps are exact to a microsecond, the reported period to 1e-9 s: over
-# 500 periods at 1 kHz, see test_written_frames.py, that adds up to 0.002.
+# Tolerance of a stamp, in periods. The writer's stamps are exact to a microsecond, the reported
+# period to 1e-9 s: over 500 periods at 1 kHz (test_written_frames.py) the error adds up to 0.002.
 _PERIOD_TOLERANCE = 0.01
 
 
 class WrittenFrames:
-    """Numbers frames by stamps later than `opened_s` and whole periods apart: ``v4l2loopback`` does
-    not count, and restamps all frames when a program claims buffers.
+    """Numbers the frames of ``v4l2loopback``, which has no counter, by their time stamps.
+
+    It stamps all frames again when a program claims buffers, so only stamps after `opened_s`, and
+    whole periods apart, are the writer's.
     """
 
     def __init__(self, opened_s: float, period_s: float) -> None:

@@ -58,7 +58,7 @@ class Control:
 
 
 def find_control(device: V4l2Device, control_id: int) -> Control | None:
-    """One control, None if the device lacks it or has disabled it."""
+    """Query one control; None if the device lacks it or has disabled it."""
     query = _query(device, control_id)
     if query is None or query.flags & abi.CtrlFlag.DISABLED:
         return None
@@ -87,11 +87,11 @@ def list_controls(device: V4l2Device) -> Iterator[Control]:
 
 
 def read_control(device: V4l2Device, control: Control) -> int:
-    """The value the driver holds."""
-    item = abi.ExtControl(id=control.id)
-    device.call(f"cannot read control {control.slug}", abi.Vidioc.G_EXT_CTRLS, _single(item))
-    wide = control.kind == abi.CtrlType.INTEGER64
-    return int(item.payload.value64 if wide else item.payload.value)
+    """Read the value of a control from the driver."""
+    ext_control = abi.ExtControl(id=control.id)
+    device.call(f"cannot read control {control.slug}", abi.Vidioc.G_EXT_CTRLS, _single(ext_control))
+    is_64_bit = control.kind == abi.CtrlType.INTEGER64
+    return int(ext_control.payload.value64 if is_64_bit else ext_control.payload.value)
 
 
 def write_control(device: V4l2Device, control: Control, value: int) -> None:
@@ -106,21 +106,24 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
             "set one of these values, or use another camera",
         )
     if control.flags & abi.CtrlFlag.READ_ONLY:
-        held = _held(device, control)
+        value_text = _value_text(device, control)
         raise _error(
-            device, control, f"is read-only{held}; it cannot be set to {value}", _USE_ANOTHER_CAMERA
+            device,
+            control,
+            f"is read-only{value_text}; it cannot be set to {value}",
+            _USE_ANOTHER_CAMERA,
         )
-    item = abi.ExtControl(id=control.id)
+    ext_control = abi.ExtControl(id=control.id)
     if control.kind == abi.CtrlType.INTEGER64:
-        item.payload.value64 = value
+        ext_control.payload.value64 = value
     else:
-        item.payload.value = value
+        ext_control.payload.value = value
     try:
-        device.try_call(abi.Vidioc.S_EXT_CTRLS, _single(item))
+        device.try_call(abi.Vidioc.S_EXT_CTRLS, _single(ext_control))
     except OSError as error:
         if error.errno in _DEVICE_ERRORS:
             device.fail(f"control {control.slug} refuses {value}", error)
-        finding = f"refuses {value} ({error.strerror}){_held(device, control)}"
+        finding = f"refuses {value} ({error.strerror}){_value_text(device, control)}"
         raise _error(device, control, finding) from error
     if control.is_readable:
         check_control(device, control, value)
@@ -128,9 +131,9 @@ def write_control(device: V4l2Device, control: Control, value: int) -> None:
 
 def check_control(device: V4l2Device, control: Control, value: int) -> None:
     """Raise a `ControlError` that names the control if its value is not `value`."""
-    held = read_control(device, control)
-    if held != value:
-        raise _error(device, control, f"was set to {value} and reads {held}")
+    value_now = read_control(device, control)
+    if value_now != value:
+        raise _error(device, control, f"was set to {value} and reads {value_now}")
 
 
 def _error(device: V4l2Device, control: Control, finding: str, advice: str = "") -> ControlError:
@@ -143,7 +146,8 @@ def _error(device: V4l2Device, control: Control, finding: str, advice: str = "")
     return ControlError(device.path, fault)
 
 
-def _held(device: V4l2Device, control: Control) -> str:
+def _value_text(device: V4l2Device, control: Control) -> str:
+    """The value of a readable control, as the end of a message."""
     return f" and reads {read_control(device, control)}" if control.is_readable else ""
 
 
@@ -159,8 +163,8 @@ def _query(device: V4l2Device, control_id: int) -> abi.QueryExtCtrl | None:
     return query
 
 
-def _single(item: abi.ExtControl) -> abi.ExtControls:
-    return abi.ExtControls(count=1, controls=ctypes.pointer(item))
+def _single(ext_control: abi.ExtControl) -> abi.ExtControls:
+    return abi.ExtControls(count=1, controls=ctypes.pointer(ext_control))
 
 
 def _menu(device: V4l2Device, query: abi.QueryExtCtrl) -> Iterator[tuple[int, str]]:

@@ -52,12 +52,12 @@ class VideoNode:
         except OSError as error:
             raise CameraError(f"{path}: {_open_cause(error)}") from error
 
-    def call(self, purpose: str, request: int, argument: ctypes._CData) -> None:
-        """Do one ioctl; an error becomes a `CameraError` that names the device and the purpose."""
+    def call(self, failure: str, request: int, argument: ctypes._CData) -> None:
+        """Do one ioctl; an error becomes a `CameraError` with the device and the text `failure`."""
         try:
             self.try_call(request, argument)
         except OSError as error:
-            self.fail(purpose, error)
+            self.fail(failure, error)
 
     def try_call(self, request: int, argument: ctypes._CData) -> None:
         """Do one ioctl, again if a signal interrupts it; may raise OSError."""
@@ -70,19 +70,19 @@ class VideoNode:
                 continue
             return
 
-    def fail(self, purpose: str, error: OSError) -> NoReturn:
+    def fail(self, failure: str, error: OSError) -> NoReturn:
         """Raise the `CameraError` for an OSError of this device."""
         if error.errno in (errno.ENODEV, errno.ENXIO):
             cause = "the camera is gone (unplugged, or its driver was removed)"
         elif error.errno == errno.EBUSY:
-            cause = f"{purpose}: in use by another program; close it and try again"
+            cause = f"{failure}: in use by another program; close it and try again"
         elif error.errno == errno.ENOSPC:
             cause = (
-                f"{purpose}: not enough USB bandwidth; lower the frame rate or the size, or "
+                f"{failure}: not enough USB bandwidth; lower the frame rate or the size, or "
                 "connect the camera to a separate USB controller"
             )
         else:
-            cause = f"{purpose}: {error.strerror}"
+            cause = f"{failure}: {error.strerror}"
         raise CameraError(f"{self.path}: {cause}") from error
 
     def buffer(self, index: int) -> abi.Buffer:
@@ -125,7 +125,8 @@ def _open_cause(error: OSError) -> str:
     return f"cannot be opened: {error.strerror}"
 
 
-# Relative: drivers round 1/30 s to their own units, while the next common rate is 25 Hz.
+# Relative tolerance of the frame rate: drivers round 1/30 s to their own units, and the next common
+# rate is 25 Hz.
 RATE_TOLERANCE = 0.01
 # Bounds the lists of a faulty driver; real ones have fewer than 100 entries.
 _MAX_LISTED = 512
@@ -177,11 +178,11 @@ class V4l2Device(VideoNode):
             self.driver = abi.text(capability.driver)
             self.card = abi.text(capability.card)
             self.bus = abi.text(capability.bus_info)
-            # A driver may have several nodes; device_caps are those of this one.
-            separate = capability.capabilities & abi.Cap.DEVICE_CAPS
-            able = capability.device_caps if separate else capability.capabilities
+            # `capabilities` are those of all nodes of a driver, `device_caps` those of this one.
+            has_device_caps = capability.capabilities & abi.Cap.DEVICE_CAPS
+            capabilities = capability.device_caps if has_device_caps else capability.capabilities
             for flag, word in ((abi.Cap.VIDEO_CAPTURE, "capture"), (abi.Cap.STREAMING, "stream")):
-                if not able & flag:
+                if not capabilities & flag:
                     raise NoCaptureDeviceError(
                         f"{path}: {self.card} cannot {word}; give the camera's capture node "
                         "(a camera often has a second one for metadata)"
@@ -195,7 +196,7 @@ class V4l2Device(VideoNode):
         offered = []
         for index in range(_MAX_LISTED):
             entry = abi.FmtDesc(index=index, type=abi.BufType.VIDEO_CAPTURE)
-            if not self._listed("cannot list its formats", abi.Vidioc.ENUM_FMT, entry):
+            if not self._fill_entry("cannot list its formats", abi.Vidioc.ENUM_FMT, entry):
                 break
             offered.append(
                 OfferedFormat(
@@ -209,7 +210,7 @@ class V4l2Device(VideoNode):
     def _sizes(self, pixelformat: int) -> Iterator[str]:
         for index in range(_MAX_LISTED):
             entry = abi.FrmSizeEnum(index=index, pixel_format=pixelformat)
-            if not self._listed("cannot list its sizes", abi.Vidioc.ENUM_FRAMESIZES, entry):
+            if not self._fill_entry("cannot list its sizes", abi.Vidioc.ENUM_FRAMESIZES, entry):
                 return
             if entry.type != abi.FRMSIZE_TYPE_DISCRETE:
                 least_x, most_x, _, least_y, most_y, _ = entry.size
@@ -217,14 +218,15 @@ class V4l2Device(VideoNode):
                 return
             yield f"{entry.size[0]}x{entry.size[1]}"
 
-    def _listed(self, purpose: str, request: int, entry: ctypes._CData) -> bool:
+    def _fill_entry(self, failure: str, request: int, entry: ctypes._CData) -> bool:
+        """Let the driver fill in an entry of a list; False after its end."""
         try:
             self.try_call(request, entry)
         except OSError as error:
             # EINVAL ends a list, ENOTTY is a driver without one.
             if error.errno in (errno.EINVAL, errno.ENOTTY):
                 return False
-            self.fail(purpose, error)
+            self.fail(failure, error)
         return True
 
     def set_format(self, fourcc: str, width_px: int, height_px: int) -> VideoFormat:
@@ -270,15 +272,15 @@ class V4l2Device(VideoNode):
             capture.timeperframe.denominator = round(10_000 * rate_hz)
             self.call(f"cannot set {rate_hz:g} Hz", abi.Vidioc.S_PARM, parm)
         period = capture.timeperframe
-        given_hz = period.denominator / period.numerator if period.numerator else 0.0
-        if not given_hz > 0.0:
+        actual_hz = period.denominator / period.numerator if period.numerator else 0.0
+        if not actual_hz > 0.0:
             raise CameraError(f"{self.path}: the driver gives no frame rate; use another camera")
-        if abs(given_hz - rate_hz) > RATE_TOLERANCE * rate_hz:
+        if abs(actual_hz - rate_hz) > RATE_TOLERANCE * rate_hz:
             raise CameraError(
                 f"{self.path}: camera.frame_rate_hz = {rate_hz:g} was asked for, the driver gives "
-                f"{given_hz:g}; set {given_hz:g}, or a frame size that allows {rate_hz:g}"
+                f"{actual_hz:g}; set {actual_hz:g}, or a frame size that allows {rate_hz:g}"
             )
-        return 1.0 / given_hz
+        return 1.0 / actual_hz
 
     def claim(self, buffers: int) -> int:
         """Reserve buffers, so that no other program can stream; return their number."""

@@ -116,8 +116,8 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> _Mode:
     exposures = (value for control, value in settings if control.id == abi.Cid.EXPOSURE_ABSOLUTE)
     units = next(exposures, config.exposure_ms * EXPOSURE_UNITS_PER_MS)
     mode = _Mode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
-    # A control may change another one that was set before.
-    faults += _changed(device, mode)
+    # Setting one control may change another that was set before.
+    faults += _changed_controls(device, mode)
     if faults:
         raise ControlError(device.path, *faults)
     return mode
@@ -154,11 +154,11 @@ def set_exposure(device: V4l2Device, mode: _Mode, exposure_ms: float) -> _Mode:
 
 def check_measurement_mode(device: V4l2Device, mode: _Mode) -> None:
     """Read every control again; raise a `ControlError` that names all that changed."""
-    if faults := _changed(device, mode):
+    if faults := _changed_controls(device, mode):
         raise ControlError(device.path, *faults)
 
 
-def _changed(device: V4l2Device, mode: _Mode) -> list[ControlFault]:
+def _changed_controls(device: V4l2Device, mode: _Mode) -> list[ControlFault]:
     faults: list[ControlFault] = []
     for control, value in mode.settings:
         try:
@@ -169,7 +169,7 @@ def _changed(device: V4l2Device, mode: _Mode) -> list[ControlFault]:
 
 
 def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[], _Setting]]:
-    """Actions that each set one control, in order; a failure does not stop the next."""
+    """Yield actions that set one control each, in order; a failure does not prevent the next."""
     yield from _exposure_steps(device, config)
     for control_id in _AUTOMATIC:
         control = find_control(device, control_id)
@@ -188,7 +188,9 @@ def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[]
 def _exposure_steps(
     device: V4l2Device, config: V4l2CameraConfig
 ) -> Iterator[Callable[[], _Setting]]:
-    """Manual mode first: with automatic exposure, setting its time has no defined effect."""
+    """Yield the actions that set the exposure: the manual mode first, without which setting the
+    time has no defined effect.
+    """
     if config.fixed_exposure:
         control = find_control(device, abi.Cid.EXPOSURE_ABSOLUTE)
         if control is not None:
@@ -240,8 +242,8 @@ def _missing(device: V4l2Device, name: str, advice: str) -> ControlError:
 def _set_active(device: V4l2Device, control: Control, value: int) -> _Setting:
     """Set a control, and check that no other one overrides it."""
     setting = _set(device, control, value)
-    after = find_control(device, control.id)
-    if after is None or after.flags & abi.CtrlFlag.INACTIVE:
+    control_after = find_control(device, control.id)
+    if control_after is None or control_after.flags & abi.CtrlFlag.INACTIVE:
         fault = ControlFault(
             control.slug,
             f"control {control.slug} has no effect, because another control overrides it",

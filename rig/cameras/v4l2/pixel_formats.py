@@ -20,7 +20,7 @@ import numpy.typing as npt
 from rig.cameras.camera import Pixels
 from rig.errors import CameraError
 
-# Luma of the limited range, BT.601.
+# Luma of black and white in the limited range, and chroma of grey (BT.601).
 _BLACK, _WHITE, _NO_COLOUR = 16, 235, 128
 
 _Bytes = npt.NDArray[np.uint8]
@@ -87,11 +87,11 @@ def decode(
     return pixels
 
 
-def _bytes(start: int, step: int) -> Callable[[_Bytes], Pixels]:
+def _from_bytes(start: int, step: int) -> Callable[[_Bytes], Pixels]:
     return lambda rows: np.ascontiguousarray(rows[:, start::step])
 
 
-def _words(rows: _Bytes) -> Pixels:
+def _from_words(rows: _Bytes) -> Pixels:
     words: Pixels = np.ascontiguousarray(rows).view(np.dtype("<u2"))
     return words.astype(np.uint16, copy=False)
 
@@ -144,7 +144,7 @@ def _from_jpeg(data: bytearray | bytes, width_px: int, height_px: int) -> Pixels
     )
 
 
-_BAYER_DEPTHS = ((8, 1, _bytes(0, 1)), (10, 2, _words), (12, 2, _words))
+_BAYER_DEPTHS = ((8, 1, _from_bytes(0, 1)), (10, 2, _from_words), (12, 2, _from_words))
 _BAYER_FOURCCS = {
     "SRGGB": ("RGGB", "RG10", "RG12"),
     "SGRBG": ("GRBG", "BA10", "BA12"),
@@ -155,15 +155,15 @@ _BAYER_FOURCCS = {
 PIXEL_FORMATS = {
     entry.name: entry
     for entry in (
-        PixelFormat("GREY", "GREY", 8, 1, _bytes(0, 1), _to_bytes),
-        PixelFormat("Y10", "Y10 ", 10, 2, _words, _to_words),
-        PixelFormat("Y12", "Y12 ", 12, 2, _words, _to_words),
-        PixelFormat("Y16", "Y16 ", 16, 2, _words, _to_words),
-        PixelFormat("YUYV", "YUYV", 8, 2, _bytes(0, 2), _to_luma(0)),
-        PixelFormat("UYVY", "UYVY", 8, 2, _bytes(1, 2), _to_luma(1)),
+        PixelFormat("GREY", "GREY", 8, 1, _from_bytes(0, 1), _to_bytes),
+        PixelFormat("Y10", "Y10 ", 10, 2, _from_words, _to_words),
+        PixelFormat("Y12", "Y12 ", 12, 2, _from_words, _to_words),
+        PixelFormat("Y16", "Y16 ", 16, 2, _from_words, _to_words),
+        PixelFormat("YUYV", "YUYV", 8, 2, _from_bytes(0, 2), _to_luma(0)),
+        PixelFormat("UYVY", "UYVY", 8, 2, _from_bytes(1, 2), _to_luma(1)),
         PixelFormat("RGB24", "RGB3", 8, 3, _luma_of("RGB")),
         PixelFormat("BGR24", "BGR3", 8, 3, _luma_of("BGR")),
-        PixelFormat("MJPG", "MJPG", 8, 0, _bytes(0, 1)),
+        PixelFormat("MJPG", "MJPG", 8, 0, _from_bytes(0, 1)),
         *(
             PixelFormat(f"{order}{depth}", fourcc, depth, bytes_per_px, to_pixels)
             for order, fourccs in _BAYER_FOURCCS.items()
