@@ -22,7 +22,7 @@ _DRAWS = 4  # random draws of the errors that the calibration states
 _STEPS = ("response", "flat_field", "lights")
 
 
-def errors_left(
+def remaining_errors(
     calibration: Calibration,
     configured: Lighting,
     shape: tuple[int, int],

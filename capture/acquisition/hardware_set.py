@@ -198,17 +198,17 @@ def _run(
 
 def _tolerance_s(rig: Rig, report: SequenceReport) -> float:
     """Largest difference of a frame's time stamp from the controller's record."""
-    most_s = _TOLERANCE_PERIODS * rig.camera.info.frame_period_s
-    if report.clock.uncertainty_s > most_s:
+    limit_s = _TOLERANCE_PERIODS * rig.camera.info.frame_period_s
+    if report.clock.uncertainty_s > limit_s:
         raise SetRejected(
             "set rejected: the controller's clock is known only to "
-            f"{1e3 * report.clock.uncertainty_s:.1f} ms (limit {1e3 * most_s:.1f} ms), too coarse "
+            f"{1e3 * report.clock.uncertainty_s:.1f} ms (limit {1e3 * limit_s:.1f} ms), too coarse "
             "to tell frames apart: the serial line or this computer is too slow; stop other "
             "programs"
         )
     camera = rig.config.camera
     assert isinstance(camera, StampedCameraConfig)  # RigConfig plans a sequence for no other
-    return min(most_s, camera.start_uncertainty_s + _TOLERANCE_S) + report.clock.uncertainty_s
+    return min(limit_s, camera.start_uncertainty_s + _TOLERANCE_S) + report.clock.uncertainty_s
 
 
 def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[float]:

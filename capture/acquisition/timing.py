@@ -27,8 +27,8 @@ class _SetTiming:
     clock: Literal["real", "virtual"]
     accepted: int
     rejected: int
-    # Median: by software from the command to its acknowledgement, with a strobe from the end of the
-    # exposure to the change of the light; None with a trigger.
+    # Median switch latency: by software from the command to its acknowledgement, with a strobe from
+    # the end of the exposure to the change of the light; None with a trigger.
     switch_ms: float | None
     # Duration of `capture_set`; None if all sets were rejected.
     median_ms: float | None
@@ -69,10 +69,10 @@ def measure_set_timing(config: RigConfig, sets: int) -> _SetTiming:
         if synchronisation == "software":
             switch_ms = measure_switch_latency(rig.lights, rig.clock).median_ms
         while len(accepted) < sets and rejected < sets:
-            asked_s = rig.clock.now_s()
+            start_s = rig.clock.now_s()
             try:
                 accepted.append(capture_set(rig))
-                durations_s.append(rig.clock.now_s() - asked_s)
+                durations_s.append(rig.clock.now_s() - start_s)
             except SetRejected:
                 rejected += 1
         if accepted and synchronisation == "strobe":

@@ -18,7 +18,8 @@ from .interrupts import INTERRUPTED_STATUS, interruptible
 if TYPE_CHECKING:
     from rich.table import Table
 
-_UNLIMITED_WIDTH = 100_000  # columns of a terminal on which no table is wrapped
+# Number of characters of a line on which no table is wrapped.
+_UNLIMITED_WIDTH = 100_000
 _LINE_WIDTH, _MIN_PROSE_WIDTH = 80, 40
 
 _P = ParamSpec("_P")
@@ -115,8 +116,9 @@ def new_table(*columns: str, prose: str | None = None) -> Table:
 
 
 def print_table(table: Table) -> None:
-    """Print a table, with the column of prose wrapped to `_LINE_WIDTH` characters, alike on every
-    terminal, in a pipe and in a log.
+    """Print a table whose column of prose is wrapped to fit `_LINE_WIDTH` characters.
+
+    The width of the terminal has no influence, so that logs and pipes get the same text.
     """
     from rich.cells import cell_len
     from rich.measure import Measurement
@@ -142,8 +144,9 @@ def print_table(table: Table) -> None:
 
 
 def command_group(help_text: str, begin: Callable[[], None] = lambda: None) -> typer.Typer:
-    """Make an empty group that prints its help when called without a command; `begin` is called
-    before each.
+    """Make an empty group of commands, which prints its help when called without one.
+
+    `begin` is called before every command.
     """
     group = typer.Typer()
 

@@ -68,8 +68,8 @@ def doctor(
     from capture.procedures.rig_check import check_calibration
     from rig.doctor.diagnosis import diagnose
 
-    further = partial(check_calibration, has_sheet=has_sheet)
-    print_checks(list(diagnose(rig, further=further)), as_json=as_json)
+    more_checks = partial(check_calibration, has_sheet=has_sheet)
+    print_checks(list(diagnose(rig, more_checks=more_checks)), as_json=as_json)
 
 
 # Time between two checks that the LED is still on. With cycle, each LED is on for this time.

@@ -15,7 +15,7 @@ from classify import Calibration
 from classify.base.arrays import FloatMap
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.calibration import Scale
-from classify.calibration.checkerboard import SEEN_TILT_DEG, find_corners, scale_of_boards
+from classify.calibration.checkerboard import MEASURABLE_TILT_DEG, find_corners, scale_of_boards
 from classify.calibration.spheres import (
     SphereImages,
     SphereKind,
@@ -25,8 +25,8 @@ from classify.calibration.spheres import (
 )
 from classify.images import ImageStack
 
-# Errors of directions in words: the aim is 0.5 degrees with a mirror sphere and 2 with a matt one;
-# four degrees of slant turn the normals by three (tests/evidence/calibration).
+# Errors of directions that the record calls good and fair: the aims with a mirror sphere and with a
+# matt one. Four degrees of slant rotate the normals by three (tests/evidence/calibration).
 _GOOD_DEG, _FAIR_DEG = 0.5, 2.0
 _IMAGE_PARTS: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
@@ -34,8 +34,10 @@ _IMAGE_PARTS: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 def images_of_photographs(
     pictures: Photographs, masks: Sequence[Path], lights: int | None, file: CalibrationFile
 ) -> tuple[list[SphereImages], Setting]:
-    """Return images of a sphere, one per light (None: one placement), by placement, with a mask for
-    each or none.
+    """Return the images of a sphere by placement, corrected, and their setting.
+
+    A placement has `lights` photographs, or all of them if None. There is a mask for each
+    placement, or none.
     """
     lights = lights or len(pictures.planes)
     if len(pictures.planes) % lights:
@@ -77,8 +79,8 @@ def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[S
 
 
 def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) -> SphereImages:
-    """Correct light images by the calibration and by the vignetting of its flat field, which turns
-    the lights on a matt sphere.
+    """Correct light images by the calibration, and by the vignetting of its flat field, which would
+    change the directions from a matt sphere.
     """
     parts = {
         name: getattr(file.calibration, name)
@@ -132,10 +134,10 @@ def _lights_part(
     worst_deg = float(lights.direction_errors_deg.max())
     radius_px = float(np.mean([sphere.radius_px for sphere in measured.spheres]))
     outline_px = max(sphere.error_px for sphere in measured.spheres)
-    word = "Good" if worst_deg <= _GOOD_DEG else "Fair" if worst_deg <= _FAIR_DEG else "Poor"
+    grade = "Good" if worst_deg <= _GOOD_DEG else "Fair" if worst_deg <= _FAIR_DEG else "Poor"
     quantity = "directions" if lights.lighting.positions_px is None else "positions"
     quality = (
-        f"{word}: {quantity} of {len(lights.lighting)} lights to "
+        f"{grade}: {quantity} of {len(lights.lighting)} lights to "
         f"{float(np.median(lights.direction_errors_deg)):.2g} degrees, the least certain to "
         f"{worst_deg:.2g}, from a {kind} sphere {2 * radius_px:.0f} px across."
     )
@@ -217,15 +219,14 @@ def scale_part(
             raise CalibrationRejected(f"{prefix}{error}") from error
     fit = scale_of_boards(boards, corners, square_mm, (setting.height_px, setting.width_px))
     scale = fit.scale
-    word = "Good" if scale.error <= _GOOD else "Fair" if scale.error <= _FAIR else "Poor"
+    grade = "Good" if scale.error <= _GOOD else "Fair" if scale.error <= _FAIR else "Poor"
     lens = (
         f"the lens moves pixels by up to {fit.distortion_px:.1f} px, which is corrected"
         if scale.distortion is not None
         else "no distortion of the lens beyond half a pixel is seen"
     )
-    quality = (
-        f"{word}: {scale.mm_per_px:.5g} mm per px, known to {stated_error(scale.error, 2)}; {lens}."
-    )
+    length_error = stated_error(scale.error, 2)
+    quality = f"{grade}: {scale.mm_per_px:.5g} mm per px, known to {length_error}; {lens}."
     if scale.error > _FAIR:
         quality += " Lay the board flat where the part will be, and let it fill the frame."
     figures = {
@@ -240,7 +241,7 @@ def scale_part(
     if scale.focal_px is not None and scale.focal_error is not None:
         figures |= {"focal_length_px": scale.focal_px, "focal_error": scale.focal_error}
     warnings = []
-    if fit.tilts_deg.min() > SEEN_TILT_DEG:
+    if fit.tilts_deg.min() > MEASURABLE_TILT_DEG:
         warnings.append(
             f"the board is tilted by {fit.tilts_deg.min():.1f} degrees; its scale is that along "
             "the axis of the tilt"

@@ -174,8 +174,8 @@ def find_exposure_ms(config: RigConfig) -> float:
             shortest_ms, longest_ms = exposure_range_ms(rig.camera, listed, config.camera)
         if rating.is_good:
             return exposure_ms
-        # To whole microseconds, rounded down so as not to exceed the longest; 1e-6 for floats that
-        # are just below a whole number.
+        # Rounded down to whole microseconds, so as not to exceed the longest exposure; 1e-6 is for
+        # floats that are just below a whole number.
         proposed_us = math.floor(1e3 * min(exposure_ms * rating.factor, longest_ms) + 1e-6)
         if rating.factor > 1.0 and proposed_us / 1e3 <= exposure_ms:
             return exposure_ms  # dark, but the longest already
@@ -199,13 +199,13 @@ _NOT_COMPARED = Check(
 def compare_rig(rig: Rig, file: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
     """Compare a rig with its calibration by a sheet; return GO if it agrees or the person skips.
 
-    After a fault the person is asked again. STOP before any fault is returned; STOP after one, or a
-    fault without a person to ask, raises CalibrationRejected.
+    After a fault the person is asked again. The answer STOP is returned before the first fault, and
+    raises CalibrationRejected after it. So does a fault of a rig that lays the sheet down itself.
     """
     cause: str | None = None
-    needs_no_person = lays_sheet_down(rig)
+    is_automatic = lays_sheet_down(rig)
     while True:
-        answer = Answer.GO if needs_no_person else ask(PlaceSheet(cause))
+        answer = Answer.GO if is_automatic else ask(PlaceSheet(cause))
         if answer is Answer.SKIP:
             publish(RigCompared((_NOT_COMPARED,)))
             return Answer.GO
@@ -225,5 +225,5 @@ def compare_rig(rig: Rig, file: CalibrationFile, ask: Ask, publish: Publish) -> 
                 publish(RigCompared(checks))
                 return Answer.GO
             cause = "; ".join(faults)
-        if needs_no_person:
+        if is_automatic:
             raise CalibrationRejected(cause)

@@ -22,7 +22,7 @@ _CORNERS = (3, 64)
 _FLAT_DEG = 10.0
 # Tilts below this are not corrected: one picture shows a tilt to about 3 degrees, and 3 degrees
 # shorten a length by 0.1 %.
-SEEN_TILT_DEG = 5.0
+MEASURABLE_TILT_DEG = 5.0
 # Corners are found to 0.02 to 0.2 px on sharp pictures. A model with a larger residual than this is
 # wrong.
 _WORST_RESIDUAL_PX = 1.0

@@ -14,7 +14,7 @@ from classify.methods import DEFAULT_CLASSIFIER
 
 from .match import Match
 
-# Groups of sets that `leave_one_out` leaves out together, at most.
+# Largest number of groups of `leave_one_out`, each of which is left out as a whole.
 _GROUPS = 30
 
 

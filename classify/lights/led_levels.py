@@ -25,8 +25,9 @@ from classify.shadow_rule import MAYBE_SHADOW
 
 from .algebra import drop_one_constants
 
-# Real surfaces are taken to be matt to this share of their brightness. A smaller share takes
-# their reflectance for unequal LEDs, a larger one hides weak LEDs (test_led_levels.py).
+# Assumed departure of real surfaces from Lambert's law, as a share of their brightness. A smaller
+# one mistakes their reflectance for unequal LEDs, a larger one hides weak LEDs
+# (test_led_levels.py).
 MATT = np.float32(0.005)
 
 LEVEL_SAMPLES = 16_384
@@ -35,7 +36,7 @@ LEVEL_SAMPLES = 16_384
 _ROUNDS = 4
 # Residuals of more than this many standard deviations are shadow or gloss, not noise.
 _OUTLIER = 3.0
-# Part of the variance of the residuals that is not noise of the images but of the surface.
+# Variance that the surface adds to that of the residuals, in units of the noise of the images.
 _SURFACE_VARIANCE = 0.05
 
 # Constants of `level_corrections`; test_led_levels.py shows which levels it corrects.
@@ -60,7 +61,7 @@ class _LevelFit:
     """Factors for the images of four lights that minimise the redundancy residual."""
 
     factors: Floats  # (4,) inverse levels, of mean 1
-    error: float  # standard error of the combination of factors that is known least
+    error: float  # standard error of the least certain combination of factors
     typical_residual: float  # 1.48 times the median absolute residual, in sigma of noise
     agreeing: Floats  # (n,) 1 where the residual is within 3 times that, else 0
 
@@ -70,20 +71,21 @@ def fit_levels(terms: FloatMap, noises: FloatMap, level_spread: float) -> _Level
     # Total least squares: `terms` (4, n) are nul_k i_k over the standard deviation of their sum,
     # `noises` the part of each square that is noise, `level_spread` the prior standard deviation of
     # levels.
-    exact, noise = terms.astype(np.float64), noises.astype(np.float64)
-    # Weights 0 and 1: to copy the samples that agree takes longer.
+    terms_64, noises_64 = terms.astype(np.float64), noises.astype(np.float64)
+    # Weights of 0 or 1, because copying the samples that agree takes longer.
     agreeing = np.ones(terms.shape[1])
     for _ in range(_ROUNDS):
-        energy = (agreeing * exact) @ exact.T - np.diag(noise @ agreeing)
+        energy = (agreeing * terms_64) @ terms_64.T - np.diag(noises_64 @ agreeing)
         values, vectors = np.linalg.eigh(energy + np.eye(4) / level_spread**2)
         inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
         # The conditions for a minimum with a fixed sum: w = inverse (1 / spread^2 + multiplier).
-        towards = inverse.sum(axis=1)
-        factors = towards * (4.0 / towards.sum())
-        residual = np.square(factors @ exact) / (np.square(factors) @ noise + _SURFACE_VARIANCE)
-        typical = SIGMA_PER_MAD * math.sqrt(_median(residual))
-        agreeing = (residual <= (_OUTLIER * max(1.0, typical)) ** 2).astype(np.float64)
-    covariance = inverse - np.outer(towards, towards) / towards.sum()
+        row_sums = inverse.sum(axis=1)
+        factors = row_sums * (4.0 / row_sums.sum())
+        variance = np.square(factors) @ noises_64 + _SURFACE_VARIANCE
+        squares = np.square(factors @ terms_64) / variance
+        typical = SIGMA_PER_MAD * math.sqrt(_median(squares))
+        agreeing = (squares <= (_OUTLIER * max(1.0, typical)) ** 2).astype(np.float64)
+    covariance = inverse - np.outer(row_sums, row_sums) / row_sums.sum()
     error = math.sqrt(max(float(np.linalg.eigvalsh(covariance)[-1]), 0.0))
     return _LevelFit(factors, error, typical, agreeing)
 
@@ -116,8 +118,10 @@ def residual_spread(values: FloatMap, null: Floats) -> float:
 def level_corrections(
     lit: LitSamples, gains: FloatMap, variance: FloatMap, lighting: Lighting
 ) -> FloatMap:
-    """Factors (4,) of mean 1 for images of unknown levels: of `fit_levels`, else of a part that is
-    level on average; `variance` (3,) is a, b, black of a + b (value - black).
+    """Factors (4,) of mean 1 that correct images of LEDs of unknown levels.
+
+    They are those of `fit_levels` if these explain the residual, else those by which the part is
+    level on average. `variance` (3,) is a, b and black of the variance a + b (value - black).
     """
     equal = np.ones(4, np.float32)
     values, count = lit.values, lit.values.shape[1]
@@ -137,8 +141,8 @@ def level_corrections(
         float(np.average(np.square(factors @ terms), weights=fit.agreeing))
         for factors in (equal, fit.factors)
     )
-    explained = after <= _MAX_MEAN_SQUARE and before >= _MIN_GAIN * after
-    if explained and np.abs(fit.factors - 1.0).max() <= _MAX_CORRECTION:
+    is_explained = after <= _MAX_MEAN_SQUARE and before >= _MIN_GAIN * after
+    if is_explained and np.abs(fit.factors - 1.0).max() <= _MAX_CORRECTION:
         return np.asarray(fit.factors, np.float32)
     factors = 1.0 / _levels_of_a_level_part(values, pinv, null, lighting.directions)
     return np.asarray(factors / factors.mean(), np.float32)
@@ -150,24 +154,26 @@ def _levels_of_a_level_part(
     null: Floats,
     directions: Floats,
 ) -> Floats:
-    """Levels (4,) g of median log ratios g + A t with A = -l_xy / l_z, for normal levels g and mean
-    slopes t of the part.
+    """Levels (4,) of the LEDs, if the part is level on average.
+
+    The median log ratios are g + A t with A = -l_xy / l_z, log levels g and mean slopes t, both
+    with normal priors; the levels are those of the posterior mean of g.
     """
     vertical = directions[:, 2]
     logarithms = np.log(values / vertical.astype(np.float32)[:, None])
     ratios = np.median(logarithms - logarithms.mean(axis=0), axis=1).astype(np.float64)
-    evened = values * np.exp(-ratios).astype(np.float32)[:, None]
-    explained = residual_spread(values, null) ** 2 - residual_spread(evened, null) ** 2
-    if explained <= 0.0:
+    equalised = values * np.exp(-ratios).astype(np.float32)[:, None]
+    explained_variance = residual_spread(values, null) ** 2 - residual_spread(equalised, null) ** 2
+    if explained_variance <= 0.0:
         return np.ones(4)
-    variance = explained / float(np.square(null * vertical / vertical.mean()).sum())
+    variance = explained_variance / float(np.square(null * vertical / vertical.mean()).sum())
     bx, by, bz = pinv.astype(np.float32) @ values
     slopes = np.stack([bx, by]) / bz
     slopes -= np.median(slopes, axis=1, keepdims=True)
     relief = SIGMA_PER_MAD * np.median(np.abs(slopes), axis=1)
     tilt = _MEAN_SLOPE**2 + _MEAN_SLOPE_OF_RELIEF**2 * float(np.square(relief).mean())
     across = directions[:, :2] / vertical[:, None]
-    # The last term: the images do not tell a common factor of all levels.
+    # The last term leaves a common factor of all levels open, which the images do not determine.
     covariance = variance * np.eye(4) + tilt * across @ across.T + np.full((4, 4), 1e3)
     levels: Floats = np.exp(variance * np.linalg.solve(covariance, ratios))
     return levels

@@ -19,10 +19,10 @@ PRODUCTS = 8
 MOMENTS = 2 + PRODUCTS * OCTAVES + 3
 _MIN_SIDE_PX = 128
 
-# Box at half resolution that smooths a before its means in cells, so that the level of a joint does
-# not depend on how the cells cut it: without it 4 of 20 good tiles had a spot beyond its limit, and
-# none with it. Wider boxes, or boxes on p and q, found no more defects on the even materials of
-# `python -m tests.evidence.wrong_passes`.
+# Box at half resolution that smooths the log albedo before its means in cells, so that the value of
+# a joint does not depend on how the cells divide it: without it 4 of 20 good tiles had a spot
+# beyond its limit, with it none. Wider boxes, or boxes on p and q, found no more defects on the
+# even materials of `python -m tests.evidence.wrong_passes`.
 _OVERLAP = (5, 5)
 _TINY = np.float32(1e-12)
 _MIN_ALBEDO = np.float32(1e-2)
@@ -30,11 +30,10 @@ _MIN_ALBEDO = np.float32(1e-2)
 
 def band_moments(surface: SurfaceEstimate) -> FloatMap:
     """(h, w, MOMENTS) float32 means over cells of products of the fields."""
-    # First the energies of slopes and of log albedo a in the finest octave. Then for each octave,
-    # with g = p + i q: |g|^2, real and imaginary parts of g^2 and of g^4 / |g|^2, a^2, and p a and
-    # q a. Last the means of p, q and a, those of a in cells that overlap. A pixel of the coarsest
-    # octave covers 2 x 2 cells. Rows and columns beyond the last two whole cells are left out.
-    # InputError as `texture_fields`, or for a part with a side below 128 px.
+    # Columns: the energies of slopes and of log albedo a in the finest octave. For each octave,
+    # with g = p + i q: |g|^2, real and imaginary parts of g^2 and of g^4 / |g|^2, a^2, p a and q a.
+    # The means of p and q, and that of the smoothed a. A pixel of the coarsest octave covers 2 x 2
+    # cells, so the number of cells is even; rows and columns beyond it are left out.
     if min(surface.shape) < _MIN_SIDE_PX:
         raise InputError(
             f"a part of {surface.shape[1]} x {surface.shape[0]} px; its sides must be "
@@ -68,7 +67,9 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
 def _halve(
     p: Array, q: Array, albedo: Array, planes: Array, moments: Array, first: int, stop: int
 ) -> None:
-    """Means of 2 x 2 pixels, and per cell the energy of the residual; rows of cells."""
+    """Write the means of 2 x 2 pixels to `planes`, and the energies of the pixels' differences from
+    them to `moments`, for rows of cells.
+    """
     cell = CELL_PX // 2
     columns = planes.shape[2]
     quarter, zero = np.float32(0.25), np.float32(0.0)
@@ -106,7 +107,9 @@ def _sum_products(
     p: Array, q: Array, a: Array, smooth_p: Array, smooth_q: Array, smooth_a: Array,
     moments: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
-    """Products of one octave, the difference of two levels of the pyramid; rows of cells."""
+    """Write the products of one octave, the difference of two levels of the pyramid, for rows of
+    cells.
+    """
     columns = p.shape[1]
     cell = columns // moments.shape[1]
     zero, two = np.float32(0.0), np.float32(2.0)
@@ -171,8 +174,8 @@ def coarser(moments: FloatMap) -> FloatMap:
 
 
 def window_moments(moments: FloatMap, cells: int) -> FloatMap:
-    """(h, w, MOMENTS) means over windows of that many cells, half overlapping, without a margin at
-    the far sides.
+    """(h, w, MOMENTS) means over windows of `cells` x `cells`, which overlap by half; a margin at
+    the right and lower side may be left out.
     """
     means = cv2.blur(moments, (cells, cells), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE)
     rows, columns = (side - cells + 1 for side in moments.shape[:2])
@@ -187,14 +190,14 @@ def window_features(moments: FloatMap, floors: FloatMap, orientation_deg: float)
     flat = np.moveaxis(moments.reshape(-1, MOMENTS) + floors, -1, 0)
     half = np.float32(0.5)
     features = [half * np.log(np.maximum(flat[k], _MIN_ENERGY)) for k in (0, 1)]
-    turns = [np.exp(-1j * n * np.radians(orientation_deg)).astype(np.complex64) for n in (2, 4)]
+    rotations = [np.exp(-1j * n * np.radians(orientation_deg)).astype(np.complex64) for n in (2, 4)]
     for octave in range(OCTAVES):
         energy, *parts, albedo, _, _ = flat[2 + PRODUCTS * octave :][:PRODUCTS]
         features.append(half * np.log(energy))
-        for turn, (even, odd) in zip(turns, (parts[:2], parts[2:]), strict=True):
+        for rotation, (cosine, sine) in zip(rotations, (parts[:2], parts[2:]), strict=True):
             features += [
-                (turn.real * even - turn.imag * odd) / energy,
-                (turn.real * odd + turn.imag * even) / energy,
+                (rotation.real * cosine - rotation.imag * sine) / energy,
+                (rotation.real * sine + rotation.imag * cosine) / energy,
             ]
         features.append(half * np.log(albedo))
     p, q, level = flat[-3:]

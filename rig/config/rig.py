@@ -23,8 +23,8 @@ from rig.cameras.kinds import CAMERA_KINDS, camera_config
 from .lights import SIMULATED, LightsConfig, SequencePlan, plan_sequence
 from .simulation import SimulationConfig
 
-# A simulated LED is steady when 1 % of its change is missing. An exponential needs ln 100 time
-# constants for that, and ln 9 from 10 to 90 %.
+# Settling time of a simulated LED to 1 %, in rise times from 10 to 90 %. An exponential takes
+# ln 100 and ln 9 time constants for them.
 _STEADY_PER_10_90 = math.log(100.0) / math.log(9.0)
 
 
@@ -199,7 +199,7 @@ def load_config(path: Path) -> RigConfig:
         values["calibration"] = str(path.parent / values["calibration"])
     lights = values.get("lights", {})
     if isinstance(lights, dict) and "port" not in lights:
-        # The default is the simulated controller, which must be asked for.
+        # The default is the simulated controller, which a file must request explicitly.
         raise ConfigError(
             f"{path}: lights.port is missing; give the light controller's port, or "
             f"{SIMULATED!r} for a simulated rig"

@@ -131,9 +131,9 @@ def _identity(lights: LightController, firmware_version: str) -> Check:
 
 
 def _led_count(lights: LightController, config: LightsConfig) -> Check:
-    named = len(config.tilts_deg)
-    finding = f"the controller has {lights.led_count}, lights.tilts_deg names {named}"
-    if named > lights.led_count:
+    configured = len(config.tilts_deg)
+    finding = f"the controller has {lights.led_count}, lights.tilts_deg names {configured}"
+    if configured > lights.led_count:
         return Check("LEDs", "fault", finding, "correct lights.tilts_deg, or the board's LED_PINS")
     return Check("LEDs", "ok", finding)
 
@@ -163,7 +163,8 @@ def _latency(lights: LightController, clock: Clock) -> Check:
     return Check("switch latency", "warning", finding, advice)
 
 
-# Frames from which rate and losses are measured; fewer, but 3, if they would take longer than this.
+# Frames from which rate and losses are measured; fewer, but at least 3, if they would take longer
+# than the time.
 _FRAMES, _MAX_RATE_CHECK_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0  # on top of a frame period, for a camera that has just started to stream
 # 30 frames whose first and last stamp jitter by half a period give the rate to 3 %.
@@ -219,9 +220,9 @@ def check_frames(camera: Camera) -> Iterator[Check]:
             f"{frames} frames from number {numbers} in {elapsed_s:.3f} s: the camera's numbers or "
             "time stamps do not advance"
         )
-    rate_hz, asked_hz = steps / elapsed_s, 1.0 / info.frame_period_s
-    finding = f"{rate_hz:.2f} Hz reached, {asked_hz:.2f} Hz asked for"
-    if abs(rate_hz / asked_hz - 1.0) <= _RATE_TOLERANCE:
+    rate_hz, configured_hz = steps / elapsed_s, 1.0 / info.frame_period_s
+    finding = f"{rate_hz:.2f} Hz reached, {configured_hz:.2f} Hz asked for"
+    if abs(rate_hz / configured_hz - 1.0) <= _RATE_TOLERANCE:
         yield Check("frame rate", "ok", finding)
     else:
         advice = (

@@ -35,9 +35,9 @@ from .light_images import capture_light_images, check_light_images
 def diagnose(
     rig: str | Path,
     timeouts: LinkTimeouts = DEFAULT_TIMEOUTS,
-    further: Callable[[Rig], Iterator[Check]] | None = None,
+    more_checks: Callable[[Rig], Iterator[Check]] | None = None,
 ) -> Generator[Check]:
-    """Make all checks, with `further` ones of the open rig last; a failed one prevents no other."""
+    """Make all checks, `more_checks` of the open rig last; a failed check prevents no other."""
     config: RigConfig | None = None
     try:
         config = config_of(rig)
@@ -63,7 +63,7 @@ def diagnose(
     yield from collected("cameras", find_cameras)
     if config is not None:
         with ExitStack() as closing:
-            yield from _diagnose_open(config, cameras, closing, timeouts, further)
+            yield from _diagnose_open(config, cameras, closing, timeouts, more_checks)
 
 
 def check_kernel_cache(folder: Path | None) -> Check:
@@ -80,7 +80,7 @@ def _diagnose_open(
     cameras: Sequence[ListedCamera],
     closing: ExitStack,
     timeouts: LinkTimeouts,
-    further: Callable[[Rig], Iterator[Check]] | None,
+    more_checks: Callable[[Rig], Iterator[Check]] | None,
 ) -> Iterator[Check]:
     simulation = None
     if config.is_simulated:
@@ -133,8 +133,8 @@ def _diagnose_open(
     yield from collected("light controller", check_controller)
     yield from collected("camera", check_camera)
     yield from collected("light images", check_images)
-    if further is not None and opened:
-        yield from collected("calibration", partial(further, opened[0]))
+    if more_checks is not None and opened:
+        yield from collected("calibration", partial(more_checks, opened[0]))
 
 
 def _measurement_mode(info: CameraInfo) -> Check:

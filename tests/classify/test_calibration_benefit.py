@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from classify.calibration.calibration import CalibratedLights, Calibration, Response
-from classify.calibration_benefit import errors_left
+from classify.calibration_benefit import remaining_errors
 from classify.lighting import Lighting
 from classify.lights.flat_field import FlatField
 
@@ -28,7 +28,7 @@ def flat_field(*levels: float) -> FlatField:
 def errors_deg(
     calibration: Calibration, configured: Lighting = RING, **options: float
 ) -> list[float]:
-    return [degrees for _, degrees in errors_left(calibration, configured, SHAPE, **options)]
+    return [degrees for _, degrees in remaining_errors(calibration, configured, SHAPE, **options)]
 
 
 @pytest.mark.parametrize(

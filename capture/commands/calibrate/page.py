@@ -23,13 +23,14 @@ from classify import Lighting
 from classify.base.arrays import Floats
 from classify.calibration.calibration import CalibratedLights, Response, Scale
 from classify.calibration.dark import Dark
-from classify.calibration_benefit import errors_left
+from classify.calibration_benefit import remaining_errors
 from classify.lights.flat_field import FlatField
 
 _MAP_PX = 256  # longer side of the maps of a flat field, which is smooth
 _NOT_KNOWN = "-"
-_Drawing = tuple[str, str, str]  # address, title and caption
-# What a part is for, and the command that measures it.
+_Drawing = tuple[str, str, str]
+"""Address, title and caption."""
+# Use of each part, and the command that measures it.
 _USES: dict[PartName, tuple[str, str]] = {
     "dark": ("hot pixels, and the offset of sets without an ambient image", "dark"),
     "response": ("cameras whose pixel values are not linear in light", "response"),
@@ -39,7 +40,8 @@ _USES: dict[PartName, tuple[str, str]] = {
     "scale": ("lengths in mm, and the distortion of the lens", "scale"),
 }
 Benefit = tuple[tuple[str, float], ...]
-_FLAT_FIELD_ERROR = "error_percent"  # in the figures of a flat field
+# Key in the figures of a flat field.
+_FLAT_FIELD_ERROR = "error_percent"
 
 
 @dataclass(frozen=True)
@@ -48,7 +50,7 @@ class _PartSummary:
 
     name: PartName
     record: PartRecord | None  # None if the part was not measured
-    age_days: int | None  # None too for a date that cannot be read
+    age_days: int | None  # None if it was not measured, or its date cannot be read
     use: str
     command: str  # that measures it
 
@@ -66,7 +68,7 @@ def part_summaries(file: CalibrationFile, now: datetime) -> tuple[_PartSummary, 
             continue  # it cannot be measured
         use, command = _USES[name]
         if name == "lights" and file.calibration.flat_field is not None:
-            command = "lights"  # their positions do not show on the sheet
+            command = "lights"  # the plate was measured, but it did not show their positions
         age_days = None if record is None else record.age_days(now)
         parts.append(_PartSummary(name, record, age_days, use, f"ps4rig calibrate {command}"))
     return tuple(parts)
@@ -83,7 +85,7 @@ def benefit_of(file: CalibrationFile) -> Benefit:
     flat_field = file.records.get("flat_field")
     percent = 0.0 if flat_field is None else flat_field.figures.get(_FLAT_FIELD_ERROR, 0.0)
     shape = (setting.height_px, setting.width_px)
-    return errors_left(calibration, configured, shape, percent / 100.0)
+    return remaining_errors(calibration, configured, shape, percent / 100.0)
 
 
 def summary_json(
@@ -250,7 +252,7 @@ def _frame(setting: Setting) -> Floats:
 
 _SIDE_IN = 3.2
 _MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
-# An ellipse of two standard errors holds a position with 86 %.
+# An ellipse of two standard errors contains the position with a probability of 86 %.
 _STANDARD_ERRORS = 2.0
 # More dots than this cannot be told apart, and make the page large.
 _MAX_DOTS = 2000
@@ -290,7 +292,7 @@ def _lights(lights: CalibratedLights, scale: Scale | None, frame: Floats, up: in
         x, y = (point / reach).round(1) + 0.0
         names[float(x), float(y)].append(str(index))
     axes.scatter(places[:, 0], places[:, up], s=8, color=_LED)
-    for (x, y), indices in names.items():  # lights behind each other share their text
+    for (x, y), indices in names.items():  # lights at one point of the drawing share a label
         axes.annotate(
             ", ".join(indices), (reach * x, reach * y), (3, 3), fontsize=LETTERS_PT,
             textcoords="offset points",

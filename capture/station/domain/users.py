@@ -55,10 +55,10 @@ class Users:
 
     def __init__(self, folder: Path) -> None:
         self._file = PrivateFile(folder / _FILE, _File)
-        # One at a time: each takes 64 MiB and a core for 50 ms.
+        # One hash at a time: each takes 64 MiB and a core for 50 ms.
         self._hashing = threading.Lock()
-        # Verified for unknown names, so that the time does not reveal which names are known.
-        self._nobody = ""
+        # Verified for an unknown name, so that the time does not reveal which names exist.
+        self._dummy_hash = ""
 
     def all(self) -> tuple[User, ...]:
         """Return all users, by name."""
@@ -76,12 +76,13 @@ class Users:
         seen: User | None = None,
         record: Callable[[User | None], None] = lambda _: None,
     ) -> None:
-        """Add or change a user, who must equal `seen` unless that is None; `record` gets the
-        previous one before, and may raise to prevent it.
+        """Add or change a user; raise Conflict if the present one is not `seen` (None: no check).
+
+        `record` gets the present user, or None, before the change, and may raise to prevent it.
         """
         user = User(name=name, role=role, password=self._hash(require_account(name, password)))
         with self._file.changing():
-            before, others = self._apart(name)
+            before, others = self._split(name)
             if seen is not None and before != seen:
                 raise Conflict(f"user {name}: was changed meanwhile; log in again")
             if len(others) >= _MAX_USERS:
@@ -93,7 +94,7 @@ class Users:
     def remove(self, name: str, record: Callable[[User], None] = lambda _: None) -> None:
         """Remove a user and end the user's sessions; `record` as for `put`."""
         with self._file.changing():
-            user, others = self._apart(name)
+            user, others = self._split(name)
             if user is None:
                 raise NotThere(f"user {name[:100]}: no such user; see ps4rig station user list")
             _require_administrator(others, user)
@@ -102,19 +103,19 @@ class Users:
 
     def verified(self, name: str, password: str) -> User | None:
         """Return the user with this name and password, or None; both take the same time."""
-        user, normal = self.get(name), unicodedata.normalize("NFKC", password)
-        if len(normal) > MAX_PASSWORD_LENGTH or not _is_encodable(normal):
+        user, normalised = self.get(name), unicodedata.normalize("NFKC", password)
+        if len(normalised) > MAX_PASSWORD_LENGTH or not _is_encodable(normalised):
             return None
-        self._nobody = self._nobody or self._hash(secrets.token_hex())
+        self._dummy_hash = self._dummy_hash or self._hash(secrets.token_hex())
         try:
             with self._hashing:
-                stored = self._nobody if user is None else user.password
-                HASHER.verify(stored, normal)
+                stored = self._dummy_hash if user is None else user.password
+                HASHER.verify(stored, normalised)
         except (Argon2Error, InvalidHashError):
             return None
         return user
 
-    def _apart(self, name: str) -> tuple[User | None, tuple[User, ...]]:
+    def _split(self, name: str) -> tuple[User | None, tuple[User, ...]]:
         """Return the user of a name, and all others."""
         users = self.all()
         others = tuple(user for user in users if user.name != name)
@@ -138,17 +139,17 @@ def require_account(name: str, password: str) -> str:
     require_name("user", name)
     if name == KIOSK and not _PIN.fullmatch(password):
         raise InputError("a PIN has 6 to 12 digits")
-    normal = unicodedata.normalize("NFKC", password)
-    if name != KIOSK and not MIN_PASSWORD_LENGTH <= len(normal) <= MAX_PASSWORD_LENGTH:
+    normalised = unicodedata.normalize("NFKC", password)
+    if name != KIOSK and not MIN_PASSWORD_LENGTH <= len(normalised) <= MAX_PASSWORD_LENGTH:
         raise InputError(
             f"a password has {MIN_PASSWORD_LENGTH} to {MAX_PASSWORD_LENGTH} characters, "
-            f"this one has {len(normal)}"
+            f"this one has {len(normalised)}"
         )
-    if not _is_encodable(normal):
+    if not _is_encodable(normalised):
         raise InputError("the password is not valid UTF-8; give another one")
-    return normal
+    return normalised
 
 
 def _is_encodable(text: str) -> bool:
-    """Whether a text is without lone surrogates, which JSON and the terminal can give."""
+    """Whether a text has no lone surrogates, which JSON and the terminal can contain."""
     return not any("\ud800" <= character <= "\udfff" for character in text)

@@ -65,7 +65,7 @@ def _application(*middleware: Middleware) -> FastAPI:
     app = FastAPI(
         title="ps4rig station",
         version=version("ps4rig"),
-        # No pages that load scripts from elsewhere.
+        # FastAPI's own pages would load scripts from other servers.
         openapi_url=None,
         docs_url=None,
         redoc_url=None,
@@ -120,12 +120,13 @@ def _status_of(request: Request, error: Exception) -> tuple[int, str, dict[str, 
     match error:
         case HTTPException(status_code=HTTPStatus.METHOD_NOT_ALLOWED):
             path = request.url.path
-            here = (route for route in routes() if route.path_regex.match(path))
-            methods = ", ".join(sorted({name for route in here for name in route.methods or ()}))
-            return 405, f"{request.method} is not allowed here", {"Allow": methods}
+            matches = (route for route in routes() if route.path_regex.match(path))
+            methods = {name for route in matches for name in route.methods or ()}
+            allowed = ", ".join(sorted(methods))
+            return 405, f"{request.method} is not allowed here", {"Allow": allowed}
         case HTTPException():
-            words = "there is no such page" if error.detail == "Not Found" else error.detail
-            return error.status_code, words, dict(error.headers or {})
+            detail = "there is no such page" if error.detail == "Not Found" else error.detail
+            return error.status_code, detail, dict(error.headers or {})
         case RequestValidationError():
             faults = error.errors()
             status = 404 if any(fault["loc"][0] == "path" for fault in faults) else 400
@@ -166,4 +167,4 @@ def _api_page(call: ByOperator) -> Response:
 
 
 DESCRIPTION = _application().openapi()
-"""All calls as OpenAPI, made by the process that forks panels: it takes 0.2 s."""
+"""All calls as OpenAPI. Made at import, before panels are forked, because it takes 0.2 s."""

@@ -24,8 +24,8 @@ Work = Callable[[ShowProgress], dict[str, Any]]
 """Does a job, and reports the items that it works through."""
 
 
-class _Ended(Ps4rigError):  # noqa: N818 - what somebody asked for
-    """The job must end."""
+class _JobCancelled(Ps4rigError):  # noqa: N818 - requested, no error of the program
+    """The job was cancelled, or takes too long."""
 
 
 @dataclass(frozen=True)
@@ -47,13 +47,13 @@ class Job:
 
 
 class BackgroundJobs:
-    """Runs one job at a time, for at most `most_s`, and remembers the last one."""
+    """Runs one job at a time, for at most `max_s`, and remembers the last one."""
 
-    def __init__(self, most_s: float = _MAX_JOB_S) -> None:
-        self._most_s = most_s
+    def __init__(self, max_s: float = _MAX_JOB_S) -> None:
+        self._max_s = max_s
         self._lock = threading.Lock()
         self._job: Job | None = None
-        self._ending = ""  # why the running job must end
+        self._cancel_reason = ""  # why the running job must end
         self._is_closed = False
         self._thread = ThreadPoolExecutor(1, "job")
 
@@ -64,15 +64,16 @@ class BackgroundJobs:
             return self._job
 
     def start(self, job: Job, begin: Callable[[], Work]) -> Job:
-        """Start what `begin` returns without raising; Conflict if a job is running, or the panel
-        ends.
+        """Start a job whose work `begin` returns; an exception of `begin` leaves the last job.
+
+        Raises Conflict if a job is running, or the panel ends.
         """
         with self._lock:
             if self._is_closed:
                 raise Conflict("the panel ends")
             if self._job is not None and self._job.status == "running":
                 raise Conflict(f"{self._job.title}: is running; wait for its end, or end it")
-            before, self._job, self._ending = self._job, job, ""
+            before, self._job, self._cancel_reason = self._job, job, ""
         try:
             self._thread.submit(self._run, begin())
         except BaseException:
@@ -84,25 +85,25 @@ class BackgroundJobs:
     def cancel(self, by: str) -> None:
         """End the running job, if there is one."""
         with self._lock:
-            self._ending = self._ending or f"ended by {by}"
+            self._cancel_reason = self._cancel_reason or f"ended by {by}"
 
     def close(self) -> None:
-        """End the running job, and start none any more."""
+        """End the running job, and start no further one."""
         with self._lock:
             self._is_closed = True
-            self._ending = self._ending or "the panel ended"
+            self._cancel_reason = self._cancel_reason or "the panel ended"
         self._thread.shutdown()
 
     def _run(self, work: Work) -> None:
-        ends_s = time.monotonic() + self._most_s
+        deadline_s = time.monotonic() + self._max_s
 
         def show(items: Iterable[_T], total: int, description: str) -> Iterator[_T]:
             self._change(step=description, taken=0, total=total)
             for done, item in enumerate(items, start=1):
-                if time.monotonic() > ends_s:
-                    raise _Ended(f"took longer than {self._most_s:g} s; choose fewer parts")
-                if self._ending:
-                    raise _Ended(self._ending)
+                if time.monotonic() > deadline_s:
+                    raise _JobCancelled(f"took longer than {self._max_s:g} s; choose fewer parts")
+                if self._cancel_reason:
+                    raise _JobCancelled(self._cancel_reason)
                 yield item
                 self._change(taken=done)
 

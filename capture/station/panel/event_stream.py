@@ -23,19 +23,20 @@ KEEP_ALIVE_S = 15.0
 _RETRY_MS = 1000
 router = APIRouter(prefix=V1)
 _MEDIA_TYPE = "text/event-stream"
-# So that one account or client leaves streams for the others; `MAX_STREAMS` limits all together.
+# Limit for one account or client, which leaves streams for others; `MAX_STREAMS` is that for all.
 MAX_STREAMS_OF_ONE_CLIENT = 32
-# Pause before a stream ends the oldest one: clients that reconnect at once end each other's streams
-# without pause.
-TAKEN_OVER_S = 2.0
+# Pause before a new stream ends the oldest one. Without it, clients that reconnect at once would
+# end each other's streams in a fast loop.
+TAKEOVER_PAUSE_S = 2.0
 
 
 @contextmanager
 def subscribed(
     live: LiveView, own_streams: list[Subscription] | None = None
 ) -> Iterator[tuple[Subscription, asyncio.Event]]:
-    """Yield a subscription and the event set when it has one; the oldest of more than
-    `MAX_STREAMS_OF_ONE_CLIENT` `own_streams` ends.
+    """Yield a subscription, and an asyncio event that is set when the subscription has events.
+
+    Beyond `MAX_STREAMS_OF_ONE_CLIENT`, the oldest of `own_streams` ends.
     """
     changed, loop = asyncio.Event(), asyncio.get_running_loop()
 
@@ -96,8 +97,8 @@ async def _messages(
     own_streams: list[Subscription],
 ) -> AsyncIterator[str]:
     if len(own_streams) >= MAX_STREAMS_OF_ONE_CLIENT:
-        await asyncio.sleep(TAKEN_OVER_S)
-    # Subscribe when the stream begins: one that never begins would keep its subscription.
+        await asyncio.sleep(TAKEOVER_PAUSE_S)
+    # Subscribe here, when the stream is read: an answer that is never read would keep it forever.
     with subscribed(live, own_streams) as (subscription, changed):
         yield f"retry: {_RETRY_MS}\n\n"
         texts, sent = _missed(live, last)
@@ -109,11 +110,11 @@ async def _messages(
             with suppress(TimeoutError):
                 async with asyncio.timeout_at(due_s):
                     await changed.wait()
-            if loop.time() >= due_s:  # sent also where events never pause
+            if loop.time() >= due_s:  # also if events never pause
                 yield ": still here\n\n"
                 due_s = loop.time() + KEEP_ALIVE_S
                 if check is None:
-                    # Not awaited: it needs a free thread, and the events would wait for it.
+                    # Not awaited, because events would have to wait until it gets a thread.
                     check = asyncio.ensure_future(is_still_allowed())
                     check.add_done_callback(lambda _: changed.set())
             changed.clear()
@@ -134,7 +135,7 @@ async def _messages(
 
 
 def _missed(live: LiveView, last: str) -> tuple[list[str], int]:
-    """Messages since the last one that a client got, or the whole state; and the last id."""
+    """Messages after the last one that a client got, or else the whole state; and the last id."""
     run, _, number = last.partition(".")
     if run == live.run and number.isdecimal() and len(number) < 16:
         after = live.events_after(int(number))

@@ -135,14 +135,12 @@ class RecipeForm:
                 fields.append(self._field((*place, key), name, value))
                 continue
             for number, bound in enumerate(_BOUNDS):
-                each = None if value is None else value[number]
-                at = f"{name}.{number}"
-                fields.append(
-                    self._field((*place, key, number), at, each, f"{ROWS[key].label}, {bound}")
-                )
-        together = [self._message((*place, key)) for key in RANGES if key in model.model_fields]
-        together.append(self._message(place))
-        return _FormSection(title, hint, tuple(fields), "; ".join(filter(None, together)))
+                bound_value = None if value is None else value[number]
+                field_name, label = f"{name}.{number}", f"{ROWS[key].label}, {bound}"
+                fields.append(self._field((*place, key, number), field_name, bound_value, label))
+        messages = [self._message((*place, key)) for key in RANGES if key in model.model_fields]
+        messages.append(self._message(place))
+        return _FormSection(title, hint, tuple(fields), "; ".join(filter(None, messages)))
 
     def _field(self, place: Place, name: str, value: Any, label: str = "") -> _FormField:
         key = str(place[-1] if not isinstance(place[-1], int) else place[-2])
@@ -184,8 +182,8 @@ class RecipeForm:
 
 
 def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the unchecked settings of a form, empty fields left out, textures bad unless they
-    pass.
+    """Return the settings of a form, not yet validated; empty fields are left out, and textures
+    that do not pass are bad.
     """
     names = _textures(recipe)
     uses = [str(given.get(_use(number), "")) for number in range(len(names))]
@@ -193,7 +191,9 @@ def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
     settings: dict[str, Any] = {
         "note": str(given.get("note", "")).strip() or None,
         "acknowledged": [
-            name for each in str(given.get("acknowledged", "")).split(",") if (name := each.strip())
+            name
+            for entry in str(given.get("acknowledged", "")).split(",")
+            if (name := entry.strip())
         ],
         "pass": passes,
         "fail": [name for name in names if name not in passes],
@@ -232,7 +232,7 @@ def _given(
                 _number(given.get(f"{name}.{number}", ""), values[number])
                 for number in range(len(_BOUNDS))
             ]
-            if any(each is not None for each in both):
+            if any(bound is not None for bound in both):
                 yield key, both
         elif (number := _number(given.get(name, ""), value)) is not None:
             yield key, number
