@@ -37,7 +37,7 @@ def initial_config(controllers: Sequence[_Controller], cameras: Sequence[ListedC
             *_port_lines(controllers),
             "tilts_deg = [0, 90, 180, 270]  # of LED 0, 1, 2, 3; anticlockwise from the right",
             "slant_deg = 45                 # from the camera's axis; measure it on the rig",
-            "settle_ms = 5                  # from the acknowledge until the light is steady",
+            "settle_ms = 5                  # from the acknowledgement until the light is steady",
             "watchdog_ms = 5000             # silence after which the controller puts LEDs out",
             "",
             "[camera]",

@@ -38,7 +38,7 @@ _AIM_BEYOND = 0.1
 class _Recording:
     """Switches, and for each frame its times and the light in each band of its rows."""
 
-    # s: command, acknowledge, switch; turned on
+    # s: command, acknowledgement, switch; turned on
     switches: list[tuple[float, float, float, bool]] = field(default_factory=list)
     reported_s: list[float] = field(default_factory=list)
     arrived_s: list[float] = field(default_factory=list)
@@ -53,7 +53,7 @@ class _Evaluation:
     steps: Steps
     fit: StepFit
     of_step: Indices  # (F,) number of each frame's switch
-    after_s: Floats  # (F,) arrival of each frame after the acknowledge
+    after_s: Floats  # (F,) arrival of each frame after the acknowledgement
     delay_s: float  # from the command to the switch
     unknown_s: float  # uncertainty of the times of the switches
 
@@ -196,7 +196,7 @@ _SETTLED_PER_RISE = math.log(1000.0) / math.log(9.0)
 
 @dataclass(frozen=True)
 class _CompleteChange:
-    """Time from the acknowledge to the first frame in which a row has changed completely."""
+    """Time from the acknowledgement to the first frame in which a row has changed completely."""
 
     typical_ms: float  # median until the program has the frame
     most_ms: float

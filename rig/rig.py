@@ -39,7 +39,7 @@ class Rig:
     config
         The rig's configuration.
     clock
-        The clock of frames and acknowledges.
+        The clock of frames and acknowledgements.
     lights, camera
         The drivers.
     simulation
@@ -149,7 +149,7 @@ def open_lights(
 
 
 def clock_of(simulation: Simulation | None) -> Clock:
-    """Return the clock of frames and acknowledges."""
+    """Return the clock of frames and acknowledgements."""
     return RealClock() if simulation is None else simulation.clock
 
 

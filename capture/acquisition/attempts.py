@@ -23,7 +23,7 @@ from capture.sets.metadata import CameraRecord, LightingRecord, SetMetadata, ima
 from capture.sets.ome_tiff import PixelHash
 from classify import Calibration
 from classify.base.errors import InputError, Ps4rigError
-from classify.lights.agreement import like_signed
+from classify.lights.agreement import split_by_redundancy_sign
 from classify.methods import checked_label
 from rig import CameraInfo, HardwareError, Rig
 
@@ -231,7 +231,7 @@ def _capture(
         return images
     # Lights of equal sign in the redundancy follow each other, the second ambient image between the
     # two groups: then extra light during any consecutive images shows in the residual or there.
-    first, second = like_signed(rig.lighting)
+    first, second = split_by_redundancy_sign(rig.lighting)
     order = (*first, *second)[::-1] if is_retake else (None, *first, None, *second)
     return images_under(rig, order, average, history, on_image)
 

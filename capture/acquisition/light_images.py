@@ -56,7 +56,7 @@ class FrameMean:
             return self._single
         scale = 65535.0 / (self._full_scale * self._count)
         mean: npt.NDArray[np.uint16] = np.rint(self._total * scale).astype(np.uint16)
-        # The mean of a pixel that saturated once is unknown.
+        # The mean of a pixel that was saturated in any frame is unknown.
         mean[self._saturated] = 65535
         return mean
 
@@ -68,8 +68,9 @@ def images_under(
     history: FrameHistory,
     on_image: Callable[[SetImage], None] = lambda _: None,
 ) -> list[SetImage]:
-    """Capture an image under each light (None: all off); `on_image` gets each, and must return at
-    once; the last light stays on.
+    """Capture an image under each light (None: all off); the last light stays on.
+
+    `on_image` gets every image, and must return at once.
     """
     slot = _LightSlot(rig, lights[0], switch_to(rig, lights[0]), average, history)
     images = []
@@ -146,7 +147,7 @@ class _LightSlot:
             self._confirm()
 
     def _confirm(self) -> None:
-        """Ask for the light after an exposure, to notice a watchdog or restart during it."""
+        """Check after an exposure that the light is still on: a watchdog or restart ends it."""
         state = self._rig.lights.confirm(self._light)
         if self._light is not None:
             self._level_percent = state.levels_percent[self._light]

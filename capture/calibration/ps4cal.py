@@ -152,7 +152,8 @@ class CalibrationFile:
 
     @cached_property
     def _encoding(self) -> _Encoded:
-        # Not encoded again: normalising directions again may change last bits, and so the hash.
+        # A file that was read is not encoded again, because normalising the directions again may
+        # change last bits, and so the hash.
         return self._encoded or _encode(self.calibration, self.records)
 
     def with_part(self, name: PartName, part: Any, record: PartRecord) -> CalibrationFile:
@@ -331,7 +332,7 @@ def rebuilt(name: PartName, values: _Values, arrays: dict[str, Array]) -> Any:
 
 
 def _alternative(hint: Any, accepts: Callable[[Any], bool], path: str) -> Any:
-    """The first member of the union `hint` that `accepts` is true for."""
+    """The first member of the union `hint` that satisfies `accepts`."""
     for alternative in (hint, *get_args(hint)):
         if accepts(alternative):
             return alternative

@@ -71,15 +71,16 @@ class PatchPosition:
 
 @dataclass(frozen=True)
 class Conditions:
-    """Lighting and exposure of a set; without `shadows`, light passes through relief, and is
-    negative where the surface faces away.
+    """Lighting and exposure of a set.
+
+    Without `shadows`, light passes through relief, and is negative where the surface faces away.
     """
 
     slant_deg: float
     size_px: int  # side of the frame; smaller frames are the middle of larger ones
     bits: int = 12
     shadows: bool = True
-    exposure: float = 1.0  # relative to the 20 ms that fill 85 % of the well for white
+    exposure: float = 1.0  # relative to 20 ms, with which white fills 85 % of the pixel's well
     weak_led: float = 1.0  # level of the second LED, unknown to the solver
     # Not in the repr, which seeds the noise: a set with faults has the noise of the set without.
     faults: SceneFaults | None = field(default=None, repr=False)
@@ -87,8 +88,9 @@ class Conditions:
 
 @dataclass(frozen=True)
 class TrainingRun:
-    """Libraries trained on sets of each texture at `places`, in turn; with `one_segment` a spectrum
-    is one periodogram of the frame.
+    """Libraries trained on sets of each texture, captured at `places` in turn.
+
+    With `one_segment`, a spectrum is one periodogram of the whole frame.
     """
 
     name: str

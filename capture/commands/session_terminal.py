@@ -32,7 +32,7 @@ def left_out_text(folder: SessionFolder) -> str:
 
 
 def confirmed(question: str) -> bool:
-    """Ask a question that y affirms."""
+    """Ask a yes-no question on the terminal; an empty answer, or the end of input, is no."""
     try:
         return _line(f"{question} [y/N] ").lower() in ("y", "yes")
     except EOFError:

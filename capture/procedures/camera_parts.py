@@ -24,13 +24,13 @@ from classify.calibration.photon_transfer import (
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
 _MIN_NOISE_DN = 0.49
-# Share of full scale up to which `ps4rig rig doctor` lets bright parts be exposed.
+# Share of full scale up to which `ps4rig rig doctor` accepts the brightest parts of an exposure.
 _BRIGHT_SHARE = 0.8
 
 
 @dataclass(frozen=True, eq=False)
 class Rung:
-    """The blocks of a scene at one exposure."""
+    """One step of an exposure ladder: the blocks of a scene at one exposure."""
 
     exposure_ms: float
     levels: BlockLevels
@@ -136,7 +136,7 @@ def rungs_of_photographs(
 
 
 def marked_exposure_ms(exposure_ms: float) -> float:
-    """Return the nearest exposure at a whole number of thirds of a stop from one second."""
+    """Return the nearest nominal exposure, a whole number of thirds of a stop from one second."""
     return float(1e3 * 2.0 ** (round(3.0 * np.log2(exposure_ms / 1e3)) / 3.0))
 
 

@@ -33,7 +33,7 @@ _State = Literal[
     "not in results",
 ]
 _READERS: dict[str, Callable[[Path], object]] = {
-    # Only arrays that are read, not mapped, are compared with their checksums.
+    # Arrays are read, not mapped, because only then they are compared with their checksums.
     LIBRARY_SUFFIX: partial(TextureLibrary.load, map_from_bytes=sys.maxsize),
     DEFECTS_SUFFIX: DefectModel.load,
     PIECES_SUFFIX: PieceModel.load,

@@ -26,7 +26,7 @@ from rig import acceptance
 
 from .metadata import ChecksRecord
 
-# Columns that are compared before all of a row are.
+# Number of columns that are compared before whole rows are.
 _PROBED_COLUMNS = 8
 
 
@@ -104,12 +104,12 @@ def _mean(image: Array) -> float:
     return cv2.sumElems(image)[0] / image.size
 
 
-# Share of equal rows above which two images are one; rows of few values may be equal by chance.
+# Share of equal rows above which two images are the same; some rows may be equal by chance.
 _SAME_IMAGE = 0.5
 # With this many well exposed images, mostly saturated ones are only a warning. 2 and 8 fail in
 # test_photograph_checks.py.
 _ENOUGH_IMAGES = 4
-# Names in one message.
+# Number of names in one message.
 _MAX_NAMES = 3
 
 
@@ -168,18 +168,18 @@ def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
         name: float(np.mean(image[inside] >= images.full_scale))
         for name, image in zip(images.names, images.images, strict=True)
     }
-    over = {
+    saturated_images = {
         name: share for name, share in saturated.items() if share > acceptance.MAX_SATURATED_SHARE
     }
-    spoilt = sum(share > acceptance.MAX_SATURATED_SHARE_OF_PHOTOGRAPH for share in over.values())
-    if over:
+    unusable_share = acceptance.MAX_SATURATED_SHARE_OF_PHOTOGRAPH
+    unusable = sum(share > unusable_share for share in saturated_images.values())
+    if saturated_images:
         text = (
-            f"{_listed(over)}: up to {max(over.values()):.1%} of the pixels are saturated at "
-            f"{images.full_scale}"
+            f"{_listed(saturated_images)}: up to {max(saturated_images.values()):.1%} of the "
+            f"pixels are saturated at {images.full_scale}"
         )
-        yield _Finding(
-            ImportCause.SATURATION, text, spoilt > 0 and len(saturated) - spoilt < _ENOUGH_IMAGES
-        )
+        refutes = unusable > 0 and len(saturated) - unusable < _ENOUGH_IMAGES
+        yield _Finding(ImportCause.SATURATION, text, refutes)
     signals = {
         name: float(image[inside].mean()) - ambient
         for name, image in zip(images.names, images.images, strict=True)
@@ -191,8 +191,8 @@ def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
         if signal <= acceptance.DEAD_LED_SHARE * brightest
     }
     if dark:
-        least = max(0.0, min(dark.values())) / max(brightest, 1e-9)
-        text = f"{_listed(dark)}: down to {least:.1%} of the light of the brightest image"
+        lowest_share = max(0.0, min(dark.values())) / max(brightest, 1e-9)
+        text = f"{_listed(dark)}: down to {lowest_share:.1%} of the light of the brightest image"
         yield _Finding(
             ImportCause.DARK, text, min(dark.values()) <= acceptance.MIN_SIGNAL_SHARE * brightest
         )
@@ -228,10 +228,11 @@ def _order(images: LightImages, order: ShadingOrder) -> Iterator[_Finding]:
             "rotated by 180 degrees; give images and lights in the same order"
         )
     else:
-        moved = [k for k, light in enumerate(order.order) if k != light]
-        image, light = moved[0], order.order[moved[0]]
+        misplaced = [k for k, light in enumerate(order.order) if k != light]
+        image, light = misplaced[0], order.order[misplaced[0]]
         text = f"by its shading {names[image]} was taken under the light of {names[light]}"
-        text += " and the other way round" if len(moved) == 2 else ", and others in this order too"
+        is_swap = len(misplaced) == 2
+        text += " and the other way round" if is_swap else ", and others in this order too"
     yield _Finding(ImportCause.LIGHT_ORDER, text, refutes=True)
 
 

@@ -28,18 +28,18 @@ from classify.shadow_rule import MAYBE_SHADOW
 from .algebra import drop_one_constants
 from .led_levels import MATT, fit_levels
 
-# The numbers of this file trade the smallest fault that is found against false alarms on clean
-# sets. tests/classify/lights/test_agreement.py holds the first, tests/capture/acquisition/
-# test_clean_sets.py and test_fault_matrix.py both.
+# The constants of this file balance the smallest fault that is detected against false alarms on
+# clean sets. tests/classify/lights/test_agreement.py tests the first, tests/capture/acquisition/
+# test_clean_sets.py and test_fault_matrix.py test both.
 
 # Columns that are compared in every row, because a camera mixes frames by rows; and rows that are
 # compared in every column, because rotated images must give the same result.
 _MAX_COLUMNS = 256
 _MIN_SAMPLES = 200
-# These determine levels to 0.3 % (test_a_matt_surface_agrees_with_itself); more take more time.
+# This number of pixels determines levels to 0.3 % (test_a_matt_surface_agrees_with_itself).
 _MAX_SAMPLES = 1 << 15
 _MIN_SAMPLES_OF_A_ROW = 8
-# Standard deviation of LED levels that is assumed: so wide that the images alone decide.
+# Prior standard deviation of LED levels: so wide that the images alone decide.
 _LEVEL_SPREAD = 1.0
 # Larger residuals, in standard deviations of the noise, are not explained by LED levels.
 _MAX_TYPICAL_RESIDUAL = 1.8
@@ -47,13 +47,14 @@ _MAX_TYPICAL_RESIDUAL = 1.8
 _MIN_FACTOR = 0.05
 # Levels of parts of the frame are equal if they differ by no more than this and their errors.
 _EQUAL_LEVELS = 0.015
-# Deviations from one pixel to the next count up to this many standard deviations.
+# Deviations of a pixel are clipped at this many standard deviations.
 _OUTLIER = 3.0
-# A band of rows counts when its mean square is above the noise by this share and by this many
-# standard errors.
+# A band of rows deviates if its mean square exceeds the noise by the sum of this share and this
+# many standard errors.
 _ABOVE_NOISE = 0.3
 _STANDARD_ERRORS = 6.0
-# Rounding has a variance of 1/12, and of 1/4 where all values lie halfway between two numbers.
+# Rounding has a variance of 1/12 on average, and of 1/4 where all values lie halfway between two
+# integers.
 _EXTRA_ROUNDING = 1.0 / 4.0 - ROUNDING_VARIANCE
 
 
@@ -63,15 +64,15 @@ class LightAgreement:
 
     redundancy_residual: float  # beyond noise, rms share of the brightness
     levels: tuple[float, ...] | None  # (4,) of median 1; None if no levels explain the images
-    level_error: float  # standard error of the level that is known least
+    level_error: float  # standard error of the least certain level
     compared_rows: float  # share of the rows with enough pixels lit by all four
 
 
-def like_signed(lighting: Lighting) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def split_by_redundancy_sign(lighting: Lighting) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Split the lights by the sign of their redundancy weight; halve them if not four."""
     lights = range(len(lighting))
     try:
-        null = drop_one_constants(lighting, "like_signed")[1]
+        null = drop_one_constants(lighting, "split_by_redundancy_sign")[1]
     except InputError:
         half = (len(lighting) + 1) // 2
         return tuple(lights[:half]), tuple(lights[half:])
@@ -86,8 +87,10 @@ def light_agreement(
     full_scale: float,
     noise: SensorNoise | None,
 ) -> LightAgreement:
-    """Compare (4, H, W) images by the redundancy residual sum_k nul_k i_k, fitted by LED levels; a
-    larger one in rows, columns or bands comes from torn, mixed or wrong frames.
+    """Compare (4, H, W) images by the redundancy residual sum_k nul_k i_k, after a fit of the LED
+    levels.
+
+    A residual beyond noise in some rows or columns shows torn, mixed or wrong frames.
     """
     _, null = drop_one_constants(lighting, "light_agreement")
     rows, columns = images.shape[1:]
@@ -99,25 +102,25 @@ def light_agreement(
     step = max(1, math.ceil(math.sqrt(rows * columns / _MAX_SAMPLES)))
     grid = compared(symmetric_samples(rows, step), symmetric_samples(columns, step))
     terms, noises = grid.normed()
-    fits = map_in_threads(
+    frame_levels, *half_levels = map_in_threads(
         lambda part: _fit(terms.take(part, axis=1), noises.take(part, axis=1)),
         [*_parts(grid.lit)],
     )
-    whole = fits[0]
-    if not all(fit is None or (whole is not None and fit.is_like(whole)) for fit in fits):
-        whole = None
-    levels = np.ones(4) if whole is None else whole.levels
-    in_rows = compared(np.arange(rows), _spread_out(columns))
-    in_columns = compared(_spread_out(rows), np.arange(columns))
-    deviation, variance = in_columns.corrected(levels)
+    known = [levels for levels in half_levels if levels is not None]
+    if frame_levels is not None and not all(map(frame_levels.agrees_with, known)):
+        frame_levels = None
+    levels = np.ones(4) if frame_levels is None else frame_levels.levels
+    by_rows = compared(np.arange(rows), _spread_indices(columns))
+    by_columns = compared(_spread_indices(rows), np.arange(columns))
+    deviation, variance = by_columns.corrected(levels)
     return LightAgreement(
         redundancy_residual=max(
-            _beyond_noise(*in_rows.corrected(levels), in_rows.lit),
-            _beyond_noise(deviation.T, variance.T, in_columns.lit.T),
+            _beyond_noise(*by_rows.corrected(levels), by_rows.lit),
+            _beyond_noise(deviation.T, variance.T, by_columns.lit.T),
         ),
-        levels=None if whole is None else tuple(whole.levels.tolist()),
-        level_error=math.inf if whole is None else whole.error,
-        compared_rows=float((in_rows.lit.sum(axis=1) >= _MIN_SAMPLES_OF_A_ROW).mean()),
+        levels=None if frame_levels is None else tuple(frame_levels.levels.tolist()),
+        level_error=math.inf if frame_levels is None else frame_levels.error,
+        compared_rows=float((by_rows.lit.sum(axis=1) >= _MIN_SAMPLES_OF_A_ROW).mean()),
     )
 
 
@@ -159,7 +162,7 @@ def _compare(
     columns: Indices,
 ) -> _Comparison:
     """Compare some rows and columns; a float `noise` is the standard deviation of all values."""
-    raw, dark = (_picked(planes, rows, columns).astype(np.float32) for planes in (images, ambient))
+    raw, dark = (_subset(planes, rows, columns).astype(np.float32) for planes in (images, ambient))
     gains = (1.0 / lighting.intensities).astype(np.float32)
     if isinstance(noise, SensorNoise):
         squares, variance = np.square(gains), noise.coefficients()
@@ -176,7 +179,7 @@ def _compare(
     return _Comparison(raw, noises, lit)
 
 
-def _picked(
+def _subset(
     planes: npt.NDArray[np.uint16], rows: Indices, columns: Indices
 ) -> npt.NDArray[np.uint16]:
     """Pick rows and columns of (..., H, W); rows first, which are contiguous."""
@@ -191,8 +194,8 @@ def _weigh(
     squares: FloatMap, variance: FloatMap, full_scale: np.float32,
     noises: FloatMap, lit: BoolArray,
 ) -> None:  # fmt: skip
-    """Turn values (4, R, C), of variance `squares` (4,) times a + b (value - black), into terms;
-    write `noises` and `lit`.
+    """Replace `values` (4, R, C) by the terms of the residual; write their variances `noises`, and
+    `lit`. The variance of a value is `squares` (4,) times a + b (value - black).
     """
     rows, columns = dark.shape
     a, b, black = variance
@@ -230,7 +233,7 @@ def image_difference(
     noise: SensorNoise | None,
 ) -> float:
     """Rms difference beyond noise of two images of one scene, as a share of `signal`."""
-    columns = _spread_out(first.shape[1])
+    columns = _spread_indices(first.shape[1])
     a, b = (image.take(columns, axis=1).astype(np.float32) for image in (first, second))
     if noise is None:
         variance = _variance_of_difference(a, b)
@@ -259,19 +262,19 @@ def _variance_of_difference(a: FloatMap, b: FloatMap) -> FloatMap:
     return variance
 
 
-def _spread_out(size: int) -> Indices:
+def _spread_indices(size: int) -> Indices:
     """Indices of about `_MAX_COLUMNS` rows or columns, symmetric about the middle."""
     return symmetric_samples(size, max(1, -(-size // _MAX_COLUMNS)))
 
 
-def _beyond_noise(deviation: FloatMap, variance: FloatMap, counted: BoolArray) -> float:
+def _beyond_noise(deviation: FloatMap, variance: FloatMap, is_counted: BoolArray) -> float:
     """Rms deviation beyond noise, the largest over bands of 1, 4, 16, ... rows."""
     rows = len(deviation)
     squares = np.square(deviation)
     squares /= variance
     np.minimum(squares, np.float32(_OUTLIER**2), out=squares)
-    np.copyto(squares, 0.0, where=~counted)
-    counts_of_rows, sums_of_rows = counted.sum(axis=1), squares.sum(axis=1)
+    np.copyto(squares, 0.0, where=~is_counted)
+    counts_of_rows, sums_of_rows = is_counted.sum(axis=1), squares.sum(axis=1)
     worst = 0.0
     height = 1
     while True:
@@ -280,17 +283,17 @@ def _beyond_noise(deviation: FloatMap, variance: FloatMap, counted: BoolArray) -
         counts = np.add.reduceat(counts_of_rows, starts)
         means = np.add.reduceat(sums_of_rows, starts) / np.maximum(counts, 1)
         errors = _STANDARD_ERRORS * np.sqrt(2.0 / np.maximum(counts, 1))
-        large = np.flatnonzero(
+        excessive_bands = np.flatnonzero(
             (counts >= _MIN_SAMPLES_OF_A_ROW) & (means > 1.0 + _ABOVE_NOISE + errors)
         )
         total = 0.0
-        for band in large:
+        for band in excessive_bands:
             part = slice(int(edges[band]), int(edges[band + 1]))
-            inside = counted[part]
-            # The median, as a few glints are not a wrong light.
-            size = SIGMA_PER_MAD * float(np.median(np.abs(deviation[part][inside])))
+            inside = is_counted[part]
+            # The median, because a few glints do not show a wrong light.
+            typical = SIGMA_PER_MAD * float(np.median(np.abs(deviation[part][inside])))
             noise = float(np.median(variance[part][inside]))
-            total += max(0.0, size**2 - noise) * len(inside) / rows
+            total += max(0.0, typical**2 - noise) * len(inside) / rows
         worst = max(worst, total)
         if height >= rows:
             return float(np.sqrt(worst))
@@ -314,13 +317,13 @@ class _Levels:
     levels: Floats
     error: float
 
-    def is_like(self, other: _Levels) -> bool:
+    def agrees_with(self, other: _Levels) -> bool:
         limit = _EQUAL_LEVELS + _STANDARD_ERRORS * math.hypot(self.error, other.error)
         return bool(np.abs(self.levels - other.levels).max() <= limit)
 
 
 def _parts(lit: BoolArray) -> Iterator[Indices]:
-    """Lit pixels of the frame and of each half: levels of a near light differ there."""
+    """Lit pixels of the frame and of its halves, in which levels of a near light would differ."""
     rows, columns = lit.shape
     top, left = (rows + 1) // 2, (columns + 1) // 2
     halves = np.s_[:top], np.s_[rows - top :], np.s_[:, :left], np.s_[:, columns - left :]

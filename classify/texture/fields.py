@@ -13,7 +13,7 @@ from classify.surface.estimate import SurfaceEstimate
 
 # Bounds of slope and relative albedo. Where two or more lights are in shadow a solver can return
 # any slope, and one such pixel outweighs a thousand others in a power spectrum; so does a bright
-# speck in a dark albedo. `test_fields.py` and the shadow tests of test_joint.py hold both.
+# speck in a dark albedo. `test_fields.py` and the shadow tests of test_joint.py test both.
 _MAX_SLOPE = np.float32(2.0)
 _MAX_ALBEDO = np.float32(8.0)
 # Rows whose sums are taken in single precision; larger blocks would lose digits.
@@ -36,15 +36,13 @@ class TextureFields:
 
 def texture_fields(surface: SurfaceEstimate) -> TextureFields:
     """Compute the fields of a surface; InputError if no pixel is valid."""
-    # One allocation instead of three: the allocator reuses a large block, while it returns small
-    # ones to the system and their pages have to be cleared again.
+    # One allocation instead of three: the allocator reuses a large block, but returns smaller ones
+    # to the system, which has to clear their pages again.
     p, q, albedo = np.empty((3, *surface.shape), np.float32)
     rows, columns = surface.shape
     sums = np.empty((-(-rows // _ROWS), 4), np.float64)
-    bounded = partial(
-        _bounded, surface.p, surface.q, surface.albedo, surface.valid, p, q, albedo, sums
-    )
-    run_on_rows(bounded, (len(sums), _ROWS * columns))
+    bound = partial(_bound, surface.p, surface.q, surface.albedo, surface.valid, p, q, albedo, sums)
+    run_on_rows(bound, (len(sums), _ROWS * columns))
     count, p_sum, q_sum, albedo_sum = sums.sum(axis=0)
     if count == 0:
         raise InputError("no pixel of this surface is valid; check exposure and lights")
@@ -58,7 +56,7 @@ def texture_fields(surface: SurfaceEstimate) -> TextureFields:
 
 
 @kernel
-def _bounded(
+def _bound(
     p: Array, q: Array, albedo: Array, valid: Array,
     p_out: Array, q_out: Array, albedo_out: Array, sums: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
@@ -66,8 +64,9 @@ def _bounded(
     rows, columns = p.shape
     zero, one = np.float32(0.0), np.float32(1.0)
     for block in range(first, stop):
-        # Sums of columns, which vectorise without changing the order of additions.
-        lines = np.zeros((4, columns), np.float32)
+        # Sums over the rows of each column, which the compiler vectorises without a change of the
+        # order of additions.
+        column_sums = np.zeros((4, columns), np.float32)
         for r in range(block * _ROWS, min((block + 1) * _ROWS, rows)):
             for c in range(columns):
                 slope = np.sqrt(p[r, c] * p[r, c] + q[r, c] * q[r, c])
@@ -77,14 +76,14 @@ def _bounded(
                 q_out[r, c] = q[r, c] * factor if valid[r, c] else zero
                 albedo_out[r, c] = albedo[r, c] if valid[r, c] else zero
             for c in range(columns):
-                lines[0, c] += one if valid[r, c] else zero
-                lines[1, c] += p_out[r, c]
-                lines[2, c] += q_out[r, c]
-                lines[3, c] += albedo_out[r, c]
+                column_sums[0, c] += one if valid[r, c] else zero
+                column_sums[1, c] += p_out[r, c]
+                column_sums[2, c] += q_out[r, c]
+                column_sums[3, c] += albedo_out[r, c]
         for index in range(4):
             total = np.float64(0.0)
             for c in range(columns):
-                total += lines[index, c]
+                total += column_sums[index, c]
             sums[block, index] = total
 
 

@@ -70,7 +70,7 @@ class LightsConfig(Section):
         default=5.0,
         ge=0.0,
         le=10_000.0,
-        description="from the acknowledge of a switch until the light is steady",
+        description="from the acknowledgement of a switch until the light is steady",
     )
     watchdog_ms: int = Field(
         default=WATCHDOG_DEFAULT_MS,

@@ -149,7 +149,7 @@ def _latency(lights: LightController, clock: Clock) -> Check:
     switch = measure_switch_latency(lights, clock)
     finding = (
         f"median {switch.median_ms:.2f} ms, worst {switch.worst_ms:.2f} ms of {switch.switches}, "
-        "from writing to acknowledge"
+        "from writing to acknowledgement"
     )
     if switch.median_ms <= _SLOW_SWITCH_MS:
         return Check("switch latency", "ok", finding)

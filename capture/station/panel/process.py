@@ -16,37 +16,39 @@ from capture.station.domain.errors import error_text
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.interface_config import PanelConfig
 
-# Pause before another start: short after a panel that has served for long.
-_FIRST_PAUSE_S, _MAX_PAUSE_S, _LONG_S = 0.1, 10.0, 5.0
-# For its last answers; then it is killed.
-_END_S = 8.0
+# Pause before the panel is started again. It doubles, and is reset after a panel that served for
+# `_LONG_RUN_S`.
+_FIRST_PAUSE_S, _MAX_PAUSE_S, _LONG_RUN_S = 0.1, 10.0, 5.0
+# Time for the last answers of a panel before it is killed.
+_END_TIMEOUT_S = 8.0
 
 
 @contextmanager
 def panel_process(
     folder: Path, settings: PanelConfig, listener: socket.socket, warn: Callable[[str], None]
 ) -> Iterator[None]:
-    """Run the panel in a process of its own, whose socket stays open when it is started again:
-    browsers wait.
+    """Run the panel in a process of its own.
+
+    Its socket stays open while the process is started again, so that browsers wait.
     """
-    # Forks processes that have the modules already: to load them takes seconds.
+    # The fork server has the modules loaded, which takes seconds.
     context = get_context("forkserver")
     context.set_forkserver_preload([_serve_panel.__module__, f"{__package__}.server"])
-    far_end, lifeline = context.Pipe(duplex=False)
+    child_end, lifeline = context.Pipe(duplex=False)
     is_over = threading.Event()
-    started: list[BaseProcess] = []  # the present one
+    running: list[BaseProcess] = []  # the present process, or none
 
     def serve() -> str:
         process = context.Process(
-            target=_serve_panel, args=(folder, settings, listener, far_end), daemon=True
+            target=_serve_panel, args=(folder, settings, listener, child_end), daemon=True
         )
         try:
             process.start()
-        except (OSError, EOFError) as error:  # of the process that forks
+        except (OSError, EOFError) as error:  # from the fork server
             return error_text(error)
-        started.append(process)
+        running.append(process)
         process.join()
-        started.clear()
+        running.clear()
         return f"status {process.exitcode}"
 
     def keep_serving() -> None:
@@ -55,7 +57,7 @@ def panel_process(
             began_s, why = time.monotonic(), serve()
             if not is_over.is_set():
                 warn(f"the panel ended ({why}) and is started again")
-            if time.monotonic() - began_s > _LONG_S:
+            if time.monotonic() - began_s > _LONG_RUN_S:
                 pause_s = _FIRST_PAUSE_S
             is_over.wait(pause_s)
             pause_s = min(2.0 * pause_s, _MAX_PAUSE_S)
@@ -67,9 +69,10 @@ def panel_process(
     finally:
         is_over.set()
         lifeline.close()
-        # One that is being started ends by itself: a run that fails at once does not wait for it.
-        for process in (*started,):
-            process.join(_END_S)
+        # A process that is still starting is not in the list, and ends by itself: a run that fails
+        # at once does not wait for it.
+        for process in (*running,):
+            process.join(_END_TIMEOUT_S)
             process.kill()
         listener.close()
 
@@ -78,7 +81,7 @@ def _serve_panel(
     folder: Path, settings: PanelConfig, listener: socket.socket, lifeline: Connection
 ) -> None:
     """Serve the panel of a station until the other end of `lifeline` is closed."""
-    os.setpgrp()  # the run ends it, not the keys of a terminal
+    os.setpgrp()  # the run ends the panel, not Ctrl-C in a terminal
     yield_processors()
     from .panel import Panel
     from .server import serving_panel

@@ -1,6 +1,6 @@
-"""Figures over many parts, counted by the database: over time, and by cause.
+"""Counts of parts over time and by cause, which the database makes.
 
-Whatever the number of parts, the answers are bounded, and only counts leave the database.
+Only counts leave the database, so that an answer is small for any number of parts.
 """
 
 import json
@@ -19,9 +19,9 @@ from .schema import results
 from .store import ResultStore
 
 MAX_PERIODS = 400
-"""Periods that are counted; the newest ones."""
+"""Number of newest periods that are counted."""
 MAX_MEASURED = 2000
-"""Parts of the control charts: 400 points, about as many as a screen shows apart."""
+"""Parts of the control charts: 400 points, about as many as a screen can resolve."""
 _MAX_CHOICES = 100
 """Names that a form offers; a station knows a few dozen textures."""
 # Periods are hours up to a span of two days, days up to three months, and months beyond. A period
@@ -59,8 +59,8 @@ class CauseCount:
     """How often a cause kept a part from passing, or a kind of defect was in one."""
 
     cause: str  # a `Cause`, or the kind of a `DefectRecord`
-    parts: int  # of which it is the first; the sum for causes is the number that did not pass
-    also: int  # parts that have it beside a graver one
+    parts: int  # whose first cause it is; summed over causes, the number that did not pass
+    also: int  # parts that have it after a graver cause
 
 
 @dataclass(frozen=True)
@@ -72,8 +72,8 @@ class Choices:
 
 
 def counted(store: ResultStore, selection: Selection) -> tuple[Counters, Sequence[Row[Any]]]:
-    """Count the selected parts, also by quarter of an hour, verdict and causes, reading each part
-    once.
+    """Count the selected parts, and group them by quarter of an hour, verdict and causes; each part
+    is read once.
     """
     utc, hour = results.c.triggered_utc, len("2026-11-22T17")
     columns = (
@@ -96,7 +96,7 @@ def counted_periods(groups: Iterable[Row[Any]], zone: tzinfo | None = None) -> l
     if not verdicts:
         return []
     days = (max(verdicts) - min(verdicts)).total_seconds() / 86_400.0
-    length = next((length for most, length in _LENGTHS if days <= most), _MONTH)
+    length = next((length for max_days, length in _LENGTHS if days <= max_days), _MONTH)
     periods: dict[str, Counter[Decision]] = {}
     for quarter, counts in verdicts.items():
         periods.setdefault(quarter.astimezone(zone).isoformat()[:length], Counter()).update(counts)
@@ -112,16 +112,17 @@ def counted_causes(groups: Iterable[Row[Any]]) -> list[CauseCount]:
     for group in groups:
         if group.decision != Decision.PASS and group.causes != COLLECTED:
             parts[group.causes] += group.parts
-    first: Counter[Cause] = Counter()
-    also: Counter[Cause] = Counter()
+    as_first: Counter[Cause] = Counter()
+    as_other: Counter[Cause] = Counter()
     for text, count in parts.items():
         gravest, *others = map(Cause.named, json.loads(text))
         if gravest is Cause.NO_TEXTURE and others and Cause.OCTAVES not in others:
             gravest, *others = *others, gravest
-        first[gravest] += count
+        as_first[gravest] += count
         for cause in others:
-            also[cause] += count
-    counts = [CauseCount(cause, first[cause], also[cause]) for cause in first.keys() | also.keys()]
+            as_other[cause] += count
+    causes = as_first.keys() | as_other.keys()
+    counts = [CauseCount(cause, as_first[cause], as_other[cause]) for cause in causes]
     return sorted(counts, key=lambda count: (-count.parts, -count.also, count.cause))
 
 
@@ -141,7 +142,7 @@ def counted_defects(store: ResultStore, selection: Selection) -> list[CauseCount
 
 
 def newest_measured(
-    store: ResultStore, selection: Selection, most: int = MAX_MEASURED
+    store: ResultStore, selection: Selection, max_count: int = MAX_MEASURED
 ) -> list[ChartedPart]:
     """Return the last selected parts that matched a texture, by number."""
     columns = (results.c[name] for name in ChartedPart.__dataclass_fields__)
@@ -151,7 +152,7 @@ def newest_measured(
         .where(*conditions(store.station, selection))
         .where(results.c.label.is_not(None), results.c.distance.is_not(None))
         .order_by(results.c.number.desc())
-        .limit(most)
+        .limit(max_count)
     )
     with store.reading() as connection:
         rows = connection.execute(statement).all()

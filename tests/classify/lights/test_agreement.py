@@ -6,7 +6,7 @@ import pytest
 
 from classify import Lighting
 from classify.images import SensorNoise
-from classify.lights.agreement import image_difference, light_agreement, like_signed
+from classify.lights.agreement import image_difference, light_agreement, split_by_redundancy_sign
 
 Images = npt.NDArray[np.uint16]
 LIGHTING = Lighting.ring(45.0)
@@ -98,9 +98,10 @@ def test_glints_and_shadows_are_tolerated() -> None:
 
 
 def test_opposite_lights_of_a_ring_have_weights_of_one_sign() -> None:
-    assert like_signed(LIGHTING) == ((0, 2), (1, 3))
-    assert like_signed(Lighting.ring(40.0, (0.0, 180.0, 90.0, 270.0))) == ((0, 1), (2, 3))
-    assert like_signed(Lighting.ring(40.0, (0.0, 120.0, 240.0))) == ((0, 1), (2,))
+    assert split_by_redundancy_sign(LIGHTING) == ((0, 2), (1, 3))
+    opposite_neighbours = Lighting.ring(40.0, (0.0, 180.0, 90.0, 270.0))
+    assert split_by_redundancy_sign(opposite_neighbours) == ((0, 1), (2, 3))
+    assert split_by_redundancy_sign(Lighting.ring(40.0, (0.0, 120.0, 240.0))) == ((0, 1), (2,))
 
 
 def test_two_images_of_one_scene_differ_by_noise_only() -> None:

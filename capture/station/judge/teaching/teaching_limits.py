@@ -14,18 +14,19 @@ _MIN_SPREAD = 0.01
 # Least upper limit of Sdq, for parts without any slope: one grey value of 12 bits is 0.001 of a
 # signal of a quarter of full scale.
 _MIN_SDQ = 0.001
-# Added to limits of shares of pixels: a share that is 0 on all good parts may be this on the next.
-_MIN_SHARE = 0.005
-# Cells without a score come in groups: the limit is twice the largest area on a good part.
-_MORE_UNJUDGED = 2
+# Margin on limits of shares of pixels: a share that is 0 on all taught parts may be this on others.
+_SHARE_MARGIN = 0.005
+# Ratio of the limit of unscored areas to the largest one on a good part; unscored cells are
+# clustered.
+_UNJUDGED_FACTOR = 2
 # Least relative departures of albedo and scale that exceed their limits: LEDs may fade to 85 %
 # before the station stops, and parts lie at heights that differ by a hundredth of their distance.
 _MIN_ALBEDO, _MIN_SCALE = 0.15, 0.01
-# Half way between the taught texture and its mirror image.
-_MIN_HANDEDNESS = 0.0
-# Logarithm of a distance of 1000. A larger limit, from three very different parts, is left out: the
-# library has its own.
-_NO_LIMIT = math.log(1000.0)
+# Least handedness: half way between the taught texture, 1, and its mirror image, -1.
+_HANDEDNESS_LIMIT = 0.0
+# Largest limit of the log distance. A larger one, from three very different parts, is left out, and
+# the limit of the library holds.
+_MAX_LOG_DISTANCE = math.log(1000.0)
 
 
 def limits_of_texture(
@@ -38,12 +39,12 @@ def limits_of_texture(
     *,
     has_handedness: bool,
 ) -> Limits:
-    """Tolerance limits of 99 % of good parts with 95 % confidence, normal, or log-normal for
-    distances and scale.
+    """Tolerance limits for 99 % of good parts with 95 % confidence; distances and scale are taken
+    as log-normal, all other measures as normal.
     """
     logs = [math.log(distance) for distance in distances if distance > 0.0]
     log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf
-    least = max(0.0, -_limit([-sdq for sdq in sdqs]))
+    lowest_sdq = max(0.0, -_limit([-sdq for sdq in sdqs]))
     albedo = statistics.fmean(albedos)
     darker = max(0.0, min(-_limit([-value for value in albedos]), (1.0 - _MIN_ALBEDO) * albedo))
     brighter = max(_limit(albedos), (1.0 + _MIN_ALBEDO) * albedo)
@@ -52,31 +53,33 @@ def limits_of_texture(
     return Limits(
         albedo=(darker, brighter),
         scale=(1.0 / scale, scale),
-        handedness=_MIN_HANDEDNESS if has_handedness else None,
-        distance=math.exp(log_limit) if log_limit < _NO_LIMIT else None,
-        sdq=(least, max(_MIN_SDQ, _limit(sdqs))),
-        shadow_fraction=min(1.0, _MIN_SHARE + _limit(shadow_fractions)),
-        unmeasured_fraction=min(1.0, _MIN_SHARE + _limit(unmeasured_fractions)),
+        handedness=_HANDEDNESS_LIMIT if has_handedness else None,
+        distance=math.exp(log_limit) if log_limit < _MAX_LOG_DISTANCE else None,
+        sdq=(lowest_sdq, max(_MIN_SDQ, _limit(sdqs))),
+        shadow_fraction=min(1.0, _SHARE_MARGIN + _limit(shadow_fractions)),
+        unmeasured_fraction=min(1.0, _SHARE_MARGIN + _limit(unmeasured_fractions)),
     )
 
 
-def with_unjudged(limits: Limits, general: GeneralLimits, found_px: Sequence[int]) -> Limits:
-    """Return `limits` that accept the largest area without a score that a good part shows."""
-    most_px = max(found_px, default=0)
-    if most_px <= general.unjudged_px:
+def with_unjudged(limits: Limits, general: GeneralLimits, areas_px: Sequence[int]) -> Limits:
+    """Return `limits` that accept the unscored areas of all good parts, of which `areas_px` are the
+    largest.
+    """
+    largest_px = max(areas_px, default=0)
+    if largest_px <= general.unjudged_px:
         return limits
-    return limits.model_copy(update={"unjudged_px": _MORE_UNJUDGED * most_px})
+    return limits.model_copy(update={"unjudged_px": _UNJUDGED_FACTOR * largest_px})
 
 
 def general_limits(limits: GeneralLimits, of_textures: Mapping[str, Limits]) -> GeneralLimits:
     """Return general limits whose `unmeasured_fraction` no texture exceeds."""
     shares = [texture_limits.unmeasured_fraction or 0.0 for texture_limits in of_textures.values()]
-    most = max([limits.unmeasured_fraction, *shares])
-    return limits.model_copy(update={"unmeasured_fraction": most})
+    largest_share = max([limits.unmeasured_fraction, *shares])
+    return limits.model_copy(update={"unmeasured_fraction": largest_share})
 
 
-def _limit(values: Sequence[float], least_spread: float = _MIN_SPREAD) -> float:
-    """Upper tolerance limit of values; their spread is at least `least_spread` of their mean."""
+def _limit(values: Sequence[float], min_relative_spread: float = _MIN_SPREAD) -> float:
+    """Upper tolerance limit of values; their spread is at least a share of their mean."""
     mean = statistics.fmean(values)
-    spread = max(statistics.stdev(values), least_spread * abs(mean))
+    spread = max(statistics.stdev(values), min_relative_spread * abs(mean))
     return mean + tolerance_factor(len(values)) * spread

@@ -95,7 +95,7 @@ def test_kinds_of_defects_count_apart_from_causes(store: ResultStore) -> None:
 def test_the_charts_are_of_the_last_parts_that_matched_a_texture(store: ResultStore) -> None:
     fill(store, many("line-1", 300, simulated=30))
     matched = [each.result for each in store.parts(PRODUCTION) if each.result.label is not None]
-    found = newest_measured(store, PRODUCTION, most=100)
+    found = newest_measured(store, PRODUCTION, max_count=100)
     assert [each.number for each in found] == [each.number for each in matched[-100:]]
     assert found[-1].distance == matched[-1].distance
     assert tuple(found[-1].led_levels) == matched[-1].led_levels
