@@ -9,8 +9,10 @@ from .firmware import Firmware
 
 
 class SimulatedController:
-    """A thread-safe LED controller at the end of a cable, whose loop handles edges up to a pass of
-    `pass_us` (MicroPython: 50 to 200 us) late.
+    """A thread-safe LED controller at the end of a cable.
+
+    Its main loop handles an edge up to one pass late; a pass takes `pass_us` (MicroPython: 50 to
+    200 us).
     """
 
     def __init__(
@@ -49,11 +51,11 @@ class SimulatedController:
 
     def feed(self, data: bytes) -> None:
         """Receive bytes from the host; return when every line in them has been executed."""
-        *lines, rest = data.split(b"\n")
+        *lines, unfinished = data.split(b"\n")
         for line in lines:
             self.clock.sleep_s(self._link_delay_s)  # without the lock, so that others can poll
             self._receive(line + b"\n")
-        self._receive(rest)
+        self._receive(unfinished)
 
     def poll(self) -> None:
         """Run one pass of the main loop without waiting, unless the clock times the passes."""

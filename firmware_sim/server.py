@@ -104,7 +104,7 @@ class Server:
         while not self._stopping.is_set():
             self._boot_in_virtual_time()
             self._controller.poll()
-            # Replies that a host does not read stay in the device, whose buffer is bounded.
+            # Replies that the host does not read stay in the device, whose buffer is limited.
             unsent = unsent or self._controller.take_output()
             try:
                 unsent = _write(host, unsent)

@@ -33,8 +33,9 @@ _Image = npt.NDArray[np.uint8 | np.uint16]
 _Decoded = tuple[Array, ImageMetadata]
 _MAX_BYTES = 2**31
 _MAX_SIDE_PX = 32768
-# A file may declare this many bytes of pixels, or this many times its own length if that is more.
-# Zeros are compressed by 1000 and more, photographs with noise by less than 100.
+# Largest number of bytes of pixels that a file may declare: the larger of `_SMALL_BYTES` and
+# `_MAX_COMPRESSION` times its own length. Zeros are compressed by 1000 and more, photographs with
+# noise by less than 100.
 _SMALL_BYTES = 2**26
 _MAX_COMPRESSION = 200
 # Rotations by 90 degrees anticlockwise after mirroring left to right (EXIF 2.32, section 4.6.4).
@@ -45,7 +46,8 @@ _PREMULTIPLIED = "its colours are multiplied by their alpha; save it without alp
 # EXIF data, XMP with its extensions, and image resources.
 _METADATA_SEGMENTS = (b"Exif\0", b"EXIF\0", b"exif\0", b"http://ns.adobe.com/", b"Photoshop 3.0\0")
 _ONE_OF_SEVERAL = 2  # a bit of NewSubfileType
-# Their decoders notice missing data; those of JPEG, JPEG 2000 and JPEG XR fill it with grey.
+# Compressions whose decoders detect missing data; those of JPEG, JPEG 2000 and JPEG XR fill it with
+# grey.
 _TIFF_COMPRESSIONS = (
     "NONE", "LZW", "ADOBE_DEFLATE", "DEFLATE", "PACKBITS", "LZMA", "ZSTD", "WEBP", "JPEGXL",
 )  # fmt: skip
@@ -67,8 +69,9 @@ _REMEDIES = {
 
 
 def read_image(path: Path) -> _Image:
-    """Read an image, upright by its EXIF or XMP data, as (H, W) grey or (H, W, 3) RGB without
-    alpha, uint8 or uint16; a DNG is linear camera RGB.
+    """Read an image as (H, W) grey or (H, W, 3) RGB without alpha, uint8 or uint16.
+
+    It is rotated upright by its EXIF or XMP data. A DNG is linear camera RGB.
     """
     return read_image_file(path)[0]
 
@@ -106,12 +109,12 @@ def read_image_file(path: Path) -> tuple[_Image, ImageMetadata]:
     return np.ascontiguousarray(np.rot90(pixels, _ROTATIONS[metadata.orientation])), metadata
 
 
-def _require_size(rows: int, columns: int, declared_bytes: int, held_bytes: int) -> None:
+def _require_size(rows: int, columns: int, declared_bytes: int, file_bytes: int) -> None:
     if not (0 < rows <= _MAX_SIDE_PX and 0 < columns <= _MAX_SIDE_PX):
         raise InputError(f"{columns} x {rows} px; sides up to {_MAX_SIDE_PX} are handled")
-    if declared_bytes > max(_SMALL_BYTES, _MAX_COMPRESSION * held_bytes):
+    if declared_bytes > max(_SMALL_BYTES, _MAX_COMPRESSION * file_bytes):
         raise InputError(
-            f"declares {declared_bytes} bytes of pixels in {held_bytes} bytes; save it uncompressed"
+            f"declares {declared_bytes} bytes of pixels in {file_bytes} bytes; save it uncompressed"
         )
 
 
@@ -141,8 +144,8 @@ def _jpeg(content: bytes) -> _Decoded:
 
 
 def _png(content: bytes) -> _Decoded:
-    """Check all chunks and the declared size, then decode the critical chunks: libpng warns of
-    others, which change no pixel.
+    """Check all chunks and the declared size, then decode the critical chunks only: the others
+    change no pixel, and libpng warns of some.
     """
     import imagecodecs
     from PIL.PngImagePlugin import PngImageFile
@@ -159,8 +162,8 @@ def _png(content: bytes) -> _Decoded:
         if name in _PNG_METADATA or name.startswith("Raw profile type "):
             raise InputError(f"holds {name} twice; remove one of them")
     critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if colour_type == _PNG_PALETTE else ()))
-    plain = _PNG_SIGNATURE + b"".join(chunk for chunk in chunks if chunk[4:8] in critical)
-    image: Any = imagecodecs.png_decode(plain)
+    critical_png = _PNG_SIGNATURE + b"".join(chunk for chunk in chunks if chunk[4:8] in critical)
+    image: Any = imagecodecs.png_decode(critical_png)
     # Pillow reads only the chunks before the pixels.
     chunks.sort(key=lambda chunk: chunk[4:8] in (b"IDAT", b"IEND"))
     info = PngImageFile(io.BytesIO(_PNG_SIGNATURE + b"".join(chunks))).info
@@ -190,13 +193,13 @@ def _png_chunks(content: bytes) -> Iterator[bytes]:
     raise ValueError("the end is missing")
 
 
-def _check_png_header(chunks: list[bytes], held_bytes: int) -> int:
+def _check_png_header(chunks: list[bytes], file_bytes: int) -> int:
     """Check the header and the size that it declares; return the colour type."""
     if not chunks or chunks[0][4:8] != b"IHDR" or len(chunks[0]) != 25:
         raise ValueError("no header")
     columns, rows, depth, colour_type = struct.unpack(">IIBB", chunks[0][8:18])
     samples = _PNG_SAMPLES.get(colour_type, 0)
-    _require_size(rows, columns, rows * columns * samples * depth // 8, held_bytes)
+    _require_size(rows, columns, rows * columns * samples * depth // 8, file_bytes)
     return int(colour_type)
 
 
@@ -228,7 +231,7 @@ def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
     # Imported here, so that a simulated rig opens without it.
     import tifffile
 
-    tifffile.logger().addHandler(logging.NullHandler())  # else its warnings go to stderr
+    tifffile.logger().addHandler(logging.NullHandler())  # keeps its warnings away from stderr
     with tifffile.TiffFile(io.BytesIO(content)) as tiff:
         pages: list[tuple[Any, Any]] = [(child, child) for child in tiff.pages]
         pages += [(child, parent) for parent, _ in pages for child in parent.pages or ()]
@@ -284,8 +287,8 @@ def _tiff_pixels(page: "tifffile.TiffPage") -> Array:
     if page.axes == "SYX":
         pixels = np.moveaxis(pixels, 0, -1)
     pixels = pixels.reshape(page.imagelength, page.imagewidth, samples)
-    for place, extra in enumerate(extras, start=colours):
-        alpha = pixels[:, :, place]
+    for plane, extra in enumerate(extras, start=colours):
+        alpha = pixels[:, :, plane]
         if extra == tifffile.EXTRASAMPLE.ASSOCALPHA and alpha.min() < np.iinfo(alpha.dtype).max:
             raise InputError(_PREMULTIPLIED)
     return pixels[:, :, 0] if colours == 1 else pixels[:, :, :3]
@@ -361,8 +364,8 @@ def _numbers(page: Any, tag: int, *default: float) -> FloatMap:
 
 
 def _opcodes(content: bytes) -> Iterator[int]:
-    place = 4
-    while len(content) >= place + 16:
-        opcode, _, _, length = struct.unpack_from(">4I", content, place)
+    start = 4
+    while len(content) >= start + 16:
+        opcode, _, _, length = struct.unpack_from(">4I", content, start)
         yield opcode
-        place += 16 + length
+        start += 16 + length

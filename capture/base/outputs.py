@@ -10,7 +10,7 @@ from typing import Any
 from classify.base.durable_file import require_folder
 from classify.base.errors import InputError
 
-_BEGIN_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\n")
+_FORMULA_STARTS = ("=", "+", "-", "@", "\t", "\r", "\n")
 
 
 def escaped(text: str) -> str:
@@ -56,12 +56,12 @@ def csv_line(cells: Iterable[Any]) -> str:
     Cells that a spreadsheet would read as a formula get an apostrophe (OWASP, "CSV Injection").
     """
     line = io.StringIO()
-    csv.writer(line).writerow(map(_no_formula, cells))
+    csv.writer(line).writerow(map(_escape_formula, cells))
     return line.getvalue()
 
 
-def _no_formula(cell: Any) -> Any:
-    if not isinstance(cell, str) or not cell.startswith(_BEGIN_FORMULAS):
+def _escape_formula(cell: Any) -> Any:
+    if not isinstance(cell, str) or not cell.startswith(_FORMULA_STARTS):
         return cell
     try:
         float(cell)
@@ -73,14 +73,14 @@ def _no_formula(cell: Any) -> Any:
 def append_line(path: Path, line: str) -> None:
     """Append a line to a log, which is made if it is missing."""
     try:
-        with open(path, "a", encoding="utf-8", opener=_unblocked) as file:
+        with open(path, "a", encoding="utf-8", opener=_open_without_waiting) as file:
             file.write(f"{line}\n")
     except OSError as error:
         raise InputError(f"{path}: cannot be written: {error.strerror}") from error
 
 
-def _unblocked(path: str, flags: int) -> int:
-    # Opening a pipe without a reader would wait for one; only the opening must not wait.
+def _open_without_waiting(path: str, flags: int) -> int:
+    """Open a file; opening a pipe without a reader fails, instead of waiting for one."""
     descriptor = os.open(path, flags | getattr(os, "O_NONBLOCK", 0), 0o666)
     if hasattr(os, "O_NONBLOCK"):  # not on Windows
         os.set_blocking(descriptor, True)

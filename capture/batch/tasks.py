@@ -116,8 +116,8 @@ def classify_set(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> ClassifiedSet:
-    """Classify a set, solved as the library or by `method`; one that does not suit the number of
-    lights gives way to the default.
+    """Classify a set, solved by `method`, or by that of the library if it suits the number of
+    lights, or by the default.
     """
     loaded = LoadedSet.of(path, calibration)
     captured, metadata = loaded.captured, loaded.captured.metadata
@@ -130,7 +130,7 @@ def classify_set(
         method = _solver(metadata, method)
         surface = loaded.solve_texture(method, planar=trained.planar)
         with warnings.catch_warnings():
-            # The commands say it once for all sets.
+            # The commands warn once for all sets.
             warnings.simplefilter("ignore")
             match = trained.classify(surface)
     return ClassifiedSet(
@@ -273,7 +273,7 @@ def _solver(metadata: SetMetadata, method: Method | None) -> Method:
 
 
 def _read_library(path: Path) -> TextureLibrary:
-    """Load a library, or return the one that was loaded from the unchanged file before."""
+    """Load a library; an unchanged file is read only once."""
     try:
         status = path.stat()
     except OSError:

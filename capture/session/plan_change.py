@@ -24,7 +24,7 @@ _PLANNING_FIELDS = ("orientations_deg", "repeats", "file_name", "turntable", "tu
 
 def plan_beside(folder: Path) -> Path | None:
     """Return the plan beside the folder of a session that names it; None if there is none."""
-    folder = Path(os.path.normpath(folder.absolute()))  # without links: as `run` does
+    folder = Path(os.path.normpath(folder.absolute()))  # links are not resolved, as in `run`
     plans = [path for path in sorted(folder.parent.glob("*.toml")) if _names(path, folder.name)]
     if len(plans) > 1:
         raise InputError(
@@ -35,7 +35,7 @@ def plan_beside(folder: Path) -> Path | None:
 
 
 def _names(path: Path, session: str) -> bool:
-    """Whether a TOML file is a plan of a session; a damaged file is one if its stem is the name."""
+    """Whether a TOML file is a plan of `session`; a damaged file is judged by its own name."""
     try:
         return bool(read_toml(path, "").get("name") == session)
     except InputError:

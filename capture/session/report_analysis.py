@@ -21,7 +21,7 @@ from classify.library.dissimilarity import (
     class_dissimilarities,
     dendrogram,
     embedding,
-    limits_alone,
+    own_scatter_limits,
 )
 
 from .folder import SessionFolder
@@ -178,7 +178,7 @@ def _separation(
     distances = np.array(rows)
     filled = np.nan_to_num(distances, nan=0.0)
     matrix = class_dissimilarities(filled, [names.index(entry.piece) for entry in compared])
-    single_limits = limits_alone(library)
+    single_limits = own_scatter_limits(library)
     limits = np.array([single_limits[name] for name in names])
     return Separation(
         names, compared, distances, limits, matrix, dendrogram(matrix), embedding(filled, matrix)
@@ -200,8 +200,10 @@ def _remarks(entries: list[SetEntry], separation: Separation | None) -> Iterator
 
 
 def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
-    """Sets that look like another class or none: beyond the limit of their specimen, and farther
-    than others of the session, as one material has small quarters for a unit.
+    """Yield sets that look like another class, or like none.
+
+    A set looks like none if it is beyond the limit of its specimen, and beyond what the median of
+    the session and log-normal scatter explain.
     """
     names, entries = separation.specimens, separation.entries
     classes = np.array([names.index(entry.piece) for entry in entries])
@@ -209,14 +211,15 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
     is_first = np.isnan(shares)
     labels = {
         entry.piece: entry.description and entry.description.label
-        for entry, first in zip(entries, is_first, strict=True)
-        if first
+        for entry, is_first_set in zip(entries, is_first, strict=True)
+        if is_first_set
     }
     repeated_shares = shares[~is_first]
     if not len(repeated_shares):
         return
     deviations = NormalDist().inv_cdf(1.0 - _FALSE_ALARM_RATE / len(repeated_shares))
-    far = max(1.0, float(np.median(repeated_shares)) * math.exp(_LOG_DISTANCE_SPREAD * deviations))
+    median = float(np.median(repeated_shares))
+    limit = max(1.0, median * math.exp(_LOG_DISTANCE_SPREAD * deviations))
     for entry, row, share in zip(entries, separation.distances, shares, strict=True):
         nearest = names[int(np.nanargmin(row))]
         if math.isnan(share):
@@ -226,11 +229,11 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
                 f"looks more like {nearest} than like {entry.piece}; if that specimen lay below "
                 f"the camera, correct the set with ps4rig info --set specimen={nearest}"
             )
-        elif share > far:
+        elif share > limit:
             remark = (
-                f"its distance from the first set of {entry.piece} is {share / far:.1f} times the "
-                "limit; compare both with ps4rig compare; if this one is wrong, delete its file, "
-                "and ps4rig session resume captures it again"
+                f"its distance from the first set of {entry.piece} is {share / limit:.1f} times "
+                "the limit; compare both with ps4rig compare; if this one is wrong, delete its "
+                "file, and ps4rig session resume captures it again"
             )
         else:
             continue

@@ -1,8 +1,8 @@
 """The default classifier: polar spectra at all orientations, and local statistics.
 
 A signature is one vector of float32: Fourier series of the polar spectra, whitened statistics,
-their changes by blur, the features of the heading, and a last number with two meanings. In a
-reference the last number is the factor of its class's limit; in a test it divides the distances.
+their changes by blur, the features of the heading, and a scatter factor. In a reference that is the
+factor of its class's limit; in a test it divides the distances.
 """
 
 from collections.abc import Mapping, Sequence
@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from classify.base.arrays import FloatMap, Floats, Indices
-from classify.texture.blur import KNOTS_PX2, blur_penalty, least_over_blurs
+from classify.texture.blur import KNOTS_PX2, blur_penalty, min_over_blurs
 from classify.texture.heading import HEADING_FLOATS, heading_features, heading_scores
 from classify.texture.orientation import (
     HARMONICS,
@@ -40,7 +40,7 @@ from .joint_features import (
 )
 from .joint_learning import class_limits, learn, limit_factors, parameter_shapes, scatter_factor
 
-# A less sharp orientation can be off by 90 degrees; it gets no heading.
+# Least sharpness of an orientation that gets a heading; a less sharp one may be off by 90 degrees.
 _MIN_SHARPNESS = 0.5
 # Least squared distance of a reference under rotated lights from the set's own signature, in units
 # of the distance between quarters. A nearer reference changes no match and is left out.
@@ -57,8 +57,8 @@ def ring_levels(signature: FloatMap) -> Floats:
 
 
 def _signature(observation: JointObservation, parameters: Parameters) -> FloatMap:
-    # Half of the scatter of a frame is inversely proportional to its area: smaller frames are
-    # further from their class.
+    # Half of the scatter of a frame is inversely proportional to its area, so that smaller frames
+    # are further from their class.
     ratio = float(parameters["pixels"] / float(observation.pixels))
     return _vector(observation, (), parameters, max(0.5 + 0.5 * ratio, 1.0))
 
@@ -83,9 +83,9 @@ def _vector(
     observation: JointObservation,
     blurred: Sequence[LocalStatistics],
     parameters: Parameters,
-    last: float,
+    factor: float,
 ) -> FloatMap:
-    """Assemble a signature: series, whitened statistics, changes by blur, heading and `last`."""
+    """Assemble a signature: series, whitened statistics, changes by blur, heading and factor."""
     series = spectral_series(observation.polar, parameters)
     series *= np.float32(spectral_unit(parameters))
     statistics = statistics_rows(observation.statistics, parameters)
@@ -93,7 +93,13 @@ def _vector(
     whitened *= local_unit(parameters)
     heading = heading_features(observation.statistics.headings, parameters["heading_variances"])
     curve = blur_curve(observation, blurred, parameters)
-    parts = (series.view(np.float32), whitened.astype(np.float32), curve, heading, np.float32(last))
+    parts = (
+        series.view(np.float32),
+        whitened.astype(np.float32),
+        curve,
+        heading,
+        np.float32(factor),
+    )
     return np.concatenate([part.ravel() for part in parts])
 
 
@@ -104,7 +110,7 @@ def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Co
     # harmonics or the shift.
     curve, curves = _curves(test[None], parameters)[0], _curves(references, parameters)
     penalty = blur_penalty(float(parameters["pixels"]))
-    at_best_blur, variances = least_over_blurs(own, curve, others, curves, SERIES, penalty)
+    at_best_blur, variances = min_over_blurs(own, curve, others, curves, SERIES, penalty)
     rings = np.square(others - own)[:, :SERIES].sum(axis=1, dtype=np.float64)
     total = np.maximum(spectral.errors - rings, 0.0) + at_best_blur
     blurs_px = np.sign(variances) * np.sqrt(np.abs(variances))

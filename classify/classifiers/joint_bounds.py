@@ -18,7 +18,7 @@ from classify.texture.blur import (
     EXTRAPOLATION,
     KNOTS_PX2,
     blur_penalty,
-    least_on_path,
+    min_on_path,
     path_products,
 )
 
@@ -128,9 +128,9 @@ def _bounds(
                 p[3] + r3 * r4,
                 p[4] + r4 * r5,
             )
-            least, _ = least_on_path(squares, products, penalty)
+            least, _ = min_on_path(squares, products, penalty)
         else:
-            least, _ = least_on_path(s, p, penalty)
+            least, _ = min_on_path(s, p, penalty)
         distance = np.sqrt(max(directional + least, zero)) - rounding
         bounds[n] = np.float64(max(distance, zero)) ** 2 / np.float64(divisor)
 

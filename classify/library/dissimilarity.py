@@ -21,17 +21,17 @@ from .texture_library import TextureLibrary
 
 
 def class_dissimilarities(distances: Floats, classes: Sequence[int]) -> Floats:
-    """(C, C) median distances of the sets of one class to another, mean of both ways."""
+    """(C, C) median distances of the sets of one class to another, the mean of both directions."""
     members = np.asarray(classes)
     one_way = np.stack(
         [np.median(distances[members == index], axis=0) for index in range(distances.shape[1])]
     )
-    both: Floats = 0.5 * (one_way + one_way.T)
-    np.fill_diagonal(both, 0.0)
-    return both
+    symmetric: Floats = 0.5 * (one_way + one_way.T)
+    np.fill_diagonal(symmetric, 0.0)
+    return symmetric
 
 
-def limits_alone(library: TextureLibrary) -> dict[str, float]:
+def own_scatter_limits(library: TextureLibrary) -> dict[str, float]:
     """Limit of each class by its own scatter: it may exceed the distance to another class."""
     limits, labels = classifier_named(library.classifier).limits, np.array(library.labels)
     limit_of_class: dict[str, float] = {}
@@ -70,15 +70,15 @@ def embedding(distances: Floats, dissimilarities: Floats) -> Floats:
     places = np.zeros((len(distances), 2))
     for axis, index in enumerate(np.argsort(values)[::-1][:2]):
         if values[index] > 1e-9 * abs(values).max():
-            towards = vectors[:, index] / np.sqrt(values[index])
-            places[:, axis] = -0.5 * (np.square(distances) - means) @ towards
+            axis_weights = vectors[:, index] / np.sqrt(values[index])
+            places[:, axis] = -0.5 * (np.square(distances) - means) @ axis_weights
     return places
 
 
-def groups_alike(
-    rows: Sequence[TrainingRow], tests: Sequence[Observation], segment_px: int, apart: float
+def texture_groups(
+    rows: Sequence[TrainingRow], tests: Sequence[Observation], segment_px: int, max_distance: float
 ) -> list[int]:
-    """Group of each of two or more sets, by average linkage up to the distance `apart`."""
+    """Group of each of two or more sets, by average linkage up to the distance `max_distance`."""
     names = [str(number) for number in range(len(rows))]
     library = TextureLibrary.from_observations(
         [row._replace(label=name) for row, name in zip(rows, names, strict=True)], segment_px
@@ -89,17 +89,17 @@ def groups_alike(
         signature = classifier.signature(test, library.parameters)
         distances = classifier.compare(signature, library.signatures, library.parameters).distances
         one_way[number] = [distances[labels == name].min() for name in names]
-    both = 0.5 * (one_way + one_way.T)
-    np.fill_diagonal(both, 0.0)
-    tree = hierarchy.linkage(squareform(both), method="average")
-    return [int(group) for group in hierarchy.fcluster(tree, apart, "distance")]
+    symmetric = 0.5 * (one_way + one_way.T)
+    np.fill_diagonal(symmetric, 0.0)
+    tree = hierarchy.linkage(squareform(symmetric), method="average")
+    return [int(group) for group in hierarchy.fcluster(tree, max_distance, "distance")]
 
 
 @dataclass(frozen=True)
 class TexturePair:
-    """How two textures differ."""
+    """The difference of two textures."""
 
-    distance: float  # mean of both ways; 0 equal, 1 as two quarters of one frame
+    distance: float  # mean of both directions; 0: equal, 1: as two quarters of one frame
     angle_deg: float  # from the first to the second, anticlockwise, [-90, 90)
     sharpness: float  # of the angle: 0 not determined, 1 exactly
     blur_px: float  # sigma of the Gaussian by which the second is blurrier; negative: sharper

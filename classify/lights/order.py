@@ -17,11 +17,11 @@ from classify.shadow_rule import MAYBE_SHADOW
 from .algebra import drop_one_constants
 
 Order = tuple[int, ...]
-_Join = Callable[[Array, Array], Array]
+_Combine = Callable[[Array, Array], Array]
 
 _ORDERS: tuple[Order, ...] = tuple(itertools.permutations(range(4)))
 _GIVEN_ORDER = _ORDERS[0]
-# An order whose misfit is larger than the best by this is implausible. Images of level surfaces,
+# An order is implausible if its misfit exceeds the best one by this. Images of level surfaces,
 # which favour no order, give up to 0.09 (tests/evidence/light_order_rates.py).
 _CLEARLY_WORSE = 0.15
 # Side of the square in the middle of each level of an image pyramid, and least side of the coarsest
@@ -35,7 +35,7 @@ _MIN_MISFIT = 1e-9  # avoids log(0)
 # Least brightness of a used pixel, as a share of the mean: darker ones are mostly noise.
 _MAYBE_NOISE = 0.1
 # Largest deviation from 180 degrees of the tilts of two opposite lights.
-_ACROSS_DEG = 30.0
+_OPPOSITE_TOLERANCE_DEG = 30.0
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,10 @@ def light_order(
     ambient: Array | None = None,
     full_scale: float | None = None,
 ) -> _LightOrder:
-    """Test whether linear images (4, H, W) have this order of lights (or 180 degrees off), by the
-    log likelihood of residual sum_k nul_k i_k and curl dp/dy - dq/dx under Laplace errors.
+    """Test whether linear images (4, H, W) have the order of the lights, up to 180 degrees.
+
+    The misfit of an order is the negative log likelihood, under Laplace errors, of the redundancy
+    residual sum_k nul_k i_k and of the curl dp/dy - dq/dx.
     """
     if len(lighting) != 4:
         raise InputError(f"the order of {len(lighting)} lights cannot be tested; give 4")
@@ -114,11 +116,11 @@ def _scales(planes: list[Array], usable: BoolArray) -> Iterator[tuple[list[Array
         yield [plane[middle] for plane in planes], usable[middle]
         if min(rows, columns) < 2 * _COARSEST_PX:
             return
-        planes = [_means(plane) for plane in planes]
+        planes = [_mean_half(plane) for plane in planes]
         usable = _halved(usable, np.logical_and)
 
 
-def _means(plane: Array) -> FloatMap:
+def _mean_half(plane: Array) -> FloatMap:
     """Means of 2 x 2 pixels; the kernel takes a third of the time of `_halved`."""
     rows, columns = plane.shape
     if rows % 2 or columns % 2:
@@ -132,22 +134,22 @@ def _means(plane: Array) -> FloatMap:
 def _mean_of_four(plane: Array, half: FloatMap) -> None:
     columns = plane.shape[1]
     share = np.float32(0.5)
-    line = np.empty(columns, np.float32)
+    row_means = np.empty(columns, np.float32)
     for r in range(len(half)):
         for c in range(columns):
-            line[c] = share * (np.float32(plane[2 * r, c]) + np.float32(plane[2 * r + 1, c]))
+            row_means[c] = share * (np.float32(plane[2 * r, c]) + np.float32(plane[2 * r + 1, c]))
         for c in range(half.shape[1]):
-            half[r, c] = share * (line[2 * c] + line[2 * c + 1])
+            half[r, c] = share * (row_means[2 * c] + row_means[2 * c + 1])
 
 
-def _halved(plane: Array, join: _Join) -> Array:
-    """Half of the rows and columns, symmetric about the middle; odd numbers join three."""
+def _halved(plane: Array, combine: _Combine) -> Array:
+    """Half of the rows and columns, symmetric about the middle; an odd number combines three."""
     for _ in range(2):
         if len(plane) % 2 == 0:
-            plane = join(plane[::2], plane[1::2])
+            plane = combine(plane[::2], plane[1::2])
         else:
             middle = plane[1:-1:2]
-            plane = join(join(plane[:-2:2], middle), join(middle, plane[2::2]))
+            plane = combine(combine(plane[:-2:2], middle), combine(middle, plane[2::2]))
         plane = plane.T
     return plane
 
@@ -170,7 +172,7 @@ def _misfits(values: FloatMap, usable: BoolArray, weights: FloatMap) -> Floats:
     shares = np.where(lit, values, 1.0) / np.where(lit, values.sum(axis=0), 4.0)
     shares = shares.astype(np.float32)
     means = shares.mean(axis=(1, 2), where=lit)
-    # One call for all orders: a thread may wait for the interpreter after each call.
+    # One call for all orders, because a thread may wait for the interpreter lock after a call.
     misfits = np.empty((len(weights), 2))
     _misfits_of_orders(shares, means, lit, inner, weights, misfits)
     # A uniform image has neither residual nor curl.
@@ -192,8 +194,10 @@ def _misfits_of_orders(
 def _mean_misfits(
     shares: FloatMap, means: FloatMap, lit: BoolArray, inner: BoolArray, weight: FloatMap
 ) -> tuple[float, float]:
-    """Mean absolute deviations of residual and curl over `lit` and `inner`, from `shares` (4, H, W)
-    of `means` (4,); `weight` (4, 4) gives scaled normal and residual.
+    """Mean absolute deviations of the residual over `lit`, and of the curl over `inner`.
+
+    `shares` (4, H, W) have the means (4,) over lit pixels; `weight` (4, 4) gives the scaled normal
+    and the residual.
     """
     rows, columns = lit.shape
     zero, one = np.float32(0.0), np.float32(1.0)
@@ -205,7 +209,8 @@ def _mean_misfits(
     # Slopes of the last three rows.
     p, q = np.empty((3, columns), np.float32), np.empty((3, columns), np.float32)
     curl = np.empty((rows - 2, columns - 2), np.float32)
-    # Sums of columns, which vectorise without changing the order of additions.
+    # Sums over the rows of each column, which the compiler vectorises without a change of the order
+    # of additions.
     counts, residuals = np.zeros(columns, np.float32), np.zeros(columns, np.float32)
     inner_counts, curls = np.zeros(columns - 2, np.float32), np.zeros(columns - 2, np.float32)
     for row in range(rows):
@@ -242,7 +247,7 @@ def _opposite(lighting: Lighting) -> Order | None:
     """The order with opposite lights exchanged; None if there are not two pairs."""
     try:
         opposite = tuple(
-            lighting.light_nearest_tilt(float(tilt) + 180.0, _ACROSS_DEG)
+            lighting.light_nearest_tilt(float(tilt) + 180.0, _OPPOSITE_TOLERANCE_DEG)
             for tilt in lighting.tilts_deg
         )
     except InputError:
@@ -252,7 +257,9 @@ def _opposite(lighting: Lighting) -> Order | None:
 
 @lru_cache(maxsize=8)
 def _equivalent_orders(opposite: Order) -> tuple[BoolArray, BoolArray]:
-    """(24, 24) each: orders with equal opposite pairs; orders equal up to 180 deg."""
+    """(24, 24) whether orders have the same opposite pairs, and whether they are equal up to 180
+    degrees.
+    """
 
     def pairs(order: Order) -> set[frozenset[int]]:
         return {frozenset((image, order.index(opposite[order[image]]))) for image in range(4)}

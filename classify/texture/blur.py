@@ -1,8 +1,9 @@
 """Blur of the images, described by one number: the variance of a Gaussian in px^2.
 
 A Gaussian of variance v multiplies the power of slopes and of albedo by exp(-4 pi^2 v f^2), f in
-cycles per pixel. The features that blur changes are numbers without an angle: the mean of each ring
-of a spectrum, and local statistics. They are known at a few variances and linear between them.
+cycles per pixel. The features that blur changes do not depend on the angle: the mean of each ring
+of a spectrum, and local statistics. They are computed at a few variances, the knots, and
+interpolated linearly.
 """
 
 import math
@@ -21,7 +22,7 @@ from classify.surface.estimate import SurfaceEstimate
 from .fields import TextureFields, texture_fields
 
 KNOTS_PX2 = (0.65, 1.69, 4.0)
-"""Variances at which the features of a blurred surface are known.
+"""Variances at which the features of a blurred surface are computed.
 
 Half way between two knots linear interpolation errs by less than 0.03 of the distance of a surface
 from itself (test_joint_blur.py).
@@ -37,10 +38,10 @@ EXTRAPOLATION = KNOTS_PX2[1] / KNOTS_PX2[0]
 """Ratio of the first two knots: statistics are extrapolated in proportion to the variance."""
 
 # Variances of the points between which the difference of a test and a reference is linear.
-_POINTS_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
-# Penalty on a squared distance per px^2 of blur, by which unknown surfaces come nearer. It grows in
-# frames below `_SUFFICIENT_PX` squared, where textures scatter as much as blur changes them: see
-# "Focus" in classify/DECISIONS.md.
+_PATH_PX2 = (-KNOTS_PX2[1], -KNOTS_PX2[0], 0.0, *KNOTS_PX2)
+# Penalty on a squared distance per px^2 of blur, because blur brings unknown surfaces nearer. It is
+# larger for frames below `_SUFFICIENT_PX` squared, in which textures scatter as much as blur
+# changes them: see "Focus" in classify/DECISIONS.md.
 _PENALTY = 0.3
 _AREA_POWER = 0.7
 _SUFFICIENT_PX = 256
@@ -79,7 +80,7 @@ def blur_penalty(pixels: float) -> np.float32:
     return np.float32(_PENALTY * deficit**_AREA_POWER)
 
 
-def least_over_blurs(
+def min_over_blurs(
     test: FloatMap,
     test_curve: FloatMap,
     references: FloatMap,
@@ -87,30 +88,32 @@ def least_over_blurs(
     rings: int,
     penalty: np.float32,
 ) -> tuple[Floats, Floats]:
-    """(n,) least squared distances over blurs, with a penalty, and (n,) variances in px^2."""
+    """Smallest squared distances (n,) over all blurs, with the penalty, and their variances (n,) in
+    px^2.
+    """
     # Features are (d,) and (n, d), the `rings` means first, their changes at the knots (3, d) and
     # (n, 3, d); a variance is that of the test minus that of the reference.
-    least = np.empty((len(references), 2), np.float64)
-    rows = partial(_least_rows, test, test_curve, references, curves, rings, penalty, least)
+    minima = np.empty((len(references), 2), np.float64)
+    rows = partial(_min_rows, test, test_curve, references, curves, rings, penalty, minima)
     run_on_rows(rows, references.shape)
-    return least[:, 0], least[:, 1]
+    return minima[:, 0], minima[:, 1]
 
 
 @kernel
-def _least_rows(
+def _min_rows(
     test: Array, test_curve: Array, references: Array, curves: Array, rings: int,
-    penalty: np.float32, least: Array, first: int, stop: int,
+    penalty: np.float32, minima: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     for n in range(first, stop):
         squares, products = path_products(test, test_curve, references[n], curves[n], rings)
-        least[n] = least_on_path(squares, products, penalty)
+        minima[n] = min_on_path(squares, products, penalty)
 
 
 @kernel
 def path_products(
     test: Array, test_curve: Array, reference: Array, curve: Array, rings: int
 ) -> tuple[Any, Any]:
-    """Squared differences at the six `_POINTS_PX2`, and inner products of neighbours."""
+    """Squared differences at the six `_PATH_PX2`, and inner products of neighbours."""
     zero = np.float32(0.0)
     s0, s1, s2, s3, s4, s5 = zero, zero, zero, zero, zero, zero
     p0, p1, p2, p3, p4 = zero, zero, zero, zero, zero
@@ -137,22 +140,20 @@ def path_products(
 
 
 @kernel
-def least_on_path(
-    squares: Any, products: Any, penalty: np.float32
-) -> tuple[np.float32, np.float32]:
-    """Least squared distance plus penalty on a path of straight segments, each a parabola; and its
-    variance.
+def min_on_path(squares: Any, products: Any, penalty: np.float32) -> tuple[np.float32, np.float32]:
+    """Smallest squared distance plus penalty on the path `_PATH_PX2`, and its variance; on each
+    segment the squared distance is a parabola, and the penalty linear.
     """
     zero = np.float32(0.0)
-    least, variance = squares[2], zero
+    minimum, variance = squares[2], zero
     for k in range(len(products)):
-        low, high = np.float32(_POINTS_PX2[k]), np.float32(_POINTS_PX2[k + 1])
+        low, high = np.float32(_PATH_PX2[k]), np.float32(_PATH_PX2[k + 1])
         fall = squares[k] - products[k]  # half of the decrease per share, at the start
         length = max(fall + squares[k + 1] - products[k], np.float32(1e-12))  # squared
         cost = penalty * (abs(high) - abs(low))
         share = min(max((fall - np.float32(0.5) * cost) / length, zero), np.float32(1.0))
         square = squares[k] + share * (share * length - np.float32(2.0) * fall)
         square += penalty * abs(low) + share * cost
-        if square < least:
-            least, variance = square, low + share * (high - low)
-    return least, variance
+        if square < minimum:
+            minimum, variance = square, low + share * (high - low)
+    return minimum, variance

@@ -29,8 +29,8 @@ class _RecordedSet:
 
     def require_lighting(self, lighting: Lighting) -> None:
         """Raise `InputError` if the rig's lights have other directions than those of the set."""
-        mine, theirs = self.lighting.directions, lighting.directions
-        if mine.shape != theirs.shape or np.abs(mine - theirs).max() > _SAME_DIRECTION:
+        own, other = self.lighting.directions, lighting.directions
+        if own.shape != other.shape or np.abs(own - other).max() > _SAME_DIRECTION:
             raise InputError(
                 f"{self.sensor.origin['set_file']}: was lit from tilts "
                 f"{_degrees(self.lighting.tilts_deg)} at slants "
@@ -66,15 +66,15 @@ def _recorded(
     values = planes.astype(np.float32)
     ambient = values[count] if len(values) > count else np.zeros_like(values[0])
     camera = fields.get("camera") or {}
-    # The noise is in the camera's own pixel values, from which an average is stretched.
-    own_scale = full_scale == (1 << bits) - 1
+    # The noise holds for the camera's own pixel values, not for an average, which is stretched.
+    is_unstretched = full_scale == (1 << bits) - 1
     names = ("gain_e_per_dn", "read_noise_dn", "black_level_dn")
     origin = {key: fields[key] for key in ("pixels_sha256", "created_utc", "label", "simulated")}
     sensor = RecordedPixels(
         full_scale.bit_length(),
         exposure_ms,
         {"set_file": str(path), **origin, "camera": camera.get("name")},
-        **{name: _number(camera.get(name)) if own_scale else None for name in names},
+        **{name: _number(camera.get(name)) if is_unstretched else None for name in names},
         info_fields={
             "gain": _number(camera.get("gain")),
             "gamma": _number(camera.get("gamma")),

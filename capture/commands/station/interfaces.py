@@ -42,7 +42,7 @@ def running_interfaces(
         settings = panel_settings(config.panel, host, port)
         is_used = host is not None or port is not None or trigger == "http"
         with _warning_if_cannot_listen(is_needed=is_used if panel is None else panel):
-            # Also without a panel here: one that is a systemd unit of its own shows the run.
+            # Also without a panel here, because a panel may be a systemd unit of its own.
             stack.enter_context(serving_live(folder, live))
             if panel is not False:
                 stack.enter_context(running_panel(folder, settings))

@@ -10,7 +10,7 @@ from capture.station.run.states import State
 
 from .registers import STATES, VERDICTS, Command, Status
 
-# Longer than a database that restarts, and than a set that is captured three times.
+# Longer than the restart of a database, and than three attempts at a set.
 ANSWER_S = 30.0
 _RESULT_S = 60.0
 # Loading a recipe replays its challenge set if something has changed.
@@ -30,7 +30,7 @@ class Judged:
 
 
 class _Step(Enum):
-    CLEAR = auto()  # wait until the station has taken its answers away
+    CLEAR = auto()  # wait until the station has reset its answers
     READY = auto()  # wait for a part, and for Ready
     RECIPE = auto()  # SelectRecipe is set
     ANSWER = auto()  # Trigger is set
@@ -42,8 +42,9 @@ _ANSWERS = Status.ACK | Status.REFUSED | Status.RECIPE_LOADED | Status.RECIPE_RE
 
 
 class Ladder:
-    """Program of a PLC that triggers and sorts parts; set `recipe` (0: any), then `part_id`, None
-    once the part may move.
+    """Program of a PLC that triggers and sorts parts.
+
+    For a part, set `recipe` (0: any), then `part_id`, which becomes None once the part may move.
     """
 
     def __init__(self) -> None:
@@ -114,7 +115,7 @@ class Ladder:
             if inputs["number"] == self._number and Status.EXPOSURE_COMPLETE in status:
                 self.part_id, self._step = None, _Step.CLEAR
             elif now_s > self._deadline_s:
-                # It moves now, and may still be exposed: its result must not count.
+                # The part moves now, perhaps during an exposure, so its result must not count.
                 self._expected.pop(self._number, None)
                 self._reject()
 
@@ -139,7 +140,7 @@ class Ladder:
             self._is_acknowledging = Status.RESULTS_VALID in status
         elif Status.RESULTS_VALID in status:
             self._ack_number, self._is_acknowledging = inputs["result_number"], True
-            # A part that this program does not expect is in the reject bin already.
+            # An unexpected number belongs to a part that was rejected before.
             if self._ack_number in self._expected:
                 part_id, _ = self._expected.pop(self._ack_number)
                 self._judge(part_id, inputs["verdict"], inputs["cause"], self._ack_number)

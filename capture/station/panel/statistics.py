@@ -84,7 +84,7 @@ def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
 
 
 def _names_of_leds(folder: StationFolder, leds: int) -> Sequence[str]:
-    """Return LED names as in warnings, or numbers where the rig has other LEDs now."""
+    """Return LED names as in warnings, or numbers if the rig now has another number of LEDs."""
     try:
         tilts_deg = folder.rig_config().lights.tilts_deg
     except InputError:
@@ -95,7 +95,7 @@ def _names_of_leds(folder: StationFolder, leds: int) -> Sequence[str]:
 
 
 def gauge_of(folder: StationFolder, selection: Selection) -> GaugeReport | None:
-    """Return the gauge study of the selected recipe, by default of that of the next run."""
+    """Return the gauge study of the selected recipe, or of the recipe of the next run."""
     try:
         files = folder.recipe_files(selection.recipe or first_recipe(folder))
     except InputError:
@@ -132,11 +132,12 @@ def _pareto_figure(
 ) -> Iterator[Figure]:
     if not causes:
         return
-    total, added = sum(cause.parts for cause in causes), 0
+    total, cumulative = sum(cause.parts for cause in causes), 0
     rows: list[tuple[_Cell, ...]] = []
     for cause in causes:
-        added += cause.parts
-        rows.append((str(cause.cause), cause.parts, cause.also, cause.parts / total, added / total))
+        cumulative += cause.parts
+        shares = (cause.parts / total, cumulative / total)
+        rows.append((str(cause.cause), cause.parts, cause.also, *shares))
     yield Figure(
         name,
         title,

@@ -96,8 +96,9 @@ class RecipeLoader:
         raise_if_cancelled: Callable[[], None] = lambda: None,
         approved: Recipe | None = None,
     ) -> UsableRecipe:
-        """Load a recipe, or an approved state of it, that meets its challenge; `raise_if_cancelled`
-        is called before each part.
+        """Load a recipe, or its state `approved`, and require that it meets its challenge.
+
+        `raise_if_cancelled` is called before every part of the challenge.
         """
         inspector = Inspector.of(approved or read_recipe(files.file), files, self._calibration)
         recipe, fingerprint = inspector.recipe, inspector.fingerprint
@@ -115,8 +116,8 @@ class RecipeLoader:
     def collecting(self) -> UsableRecipe:
         """Return a recipe that judges nothing; an existing one still gives exposure and gain."""
         files = self._folder.recipe_files(first_recipe(self._folder))
-        is_there = files.file.exists()
-        recipe = read_recipe(files.file) if is_there else Recipe(name=files.name, passes=())
+        exists = files.file.exists()
+        recipe = read_recipe(files.file) if exists else Recipe(name=files.name, passes=())
         collector = Collector(recipe, FoundCalibration.of_rig(self._calibration))
         return UsableRecipe(self._judge(collector, {}), collector)
 
@@ -129,15 +130,17 @@ class RecipeLoader:
             make_folder(path.parent)
             if inspector.calibration is not None:
                 keep_beside(inspector.calibration.file, path)
-            captured.save(path, home=path.parent.parent)  # not the folder with all sets of the day
+            # `home` is not the folder of the day, which may contain many sets.
+            captured.save(path, home=path.parent.parent)
 
         name = self._folder.config.name
         return PartJudge(name, self._operator, inspector, fields, save, self._clock)
 
 
 class RunRecipes:
-    """The recipes of a running station with the rig settings of the first one; only `load` runs
-    while parts are inspected.
+    """The present recipe of a running station, and others that it can load.
+
+    `load` may be called while parts are inspected, all other methods only between parts.
     """
 
     def __init__(
@@ -197,15 +200,16 @@ class RunRecipes:
         return list(check_calibration_age(inspector.calibration, inspector.recipe.calibration))
 
     def _record(self, recipe: UsableRecipe, by: Asker) -> None:
-        before, after = _named(self.present.recipe), _named(recipe.recipe)
+        before, after = _recipe_text(self.present.recipe), _recipe_text(recipe.recipe)
         record_change(
             self._store, "loaded recipe", before, after, by=by.name, role=by.role, via=by.via
         )
 
 
 def _approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:
-    """Return the state that judged the last part, which after a roll-back is not the last approved
-    one; else that, or None.
+    """Return the approved state that judged the last part, else the last approved state, or None.
+
+    They differ after a roll-back.
     """
     approved = {state.sha256: state for state in approved_states(files)}
     judged = next(store.parts(Selection(recipe=files.name), newest=1), None)
@@ -213,5 +217,5 @@ def _approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:
     return last or next(iter(approved.values()), None)
 
 
-def _named(recipe: Recipe) -> str:
+def _recipe_text(recipe: Recipe) -> str:
     return f"{recipe.name}, {recipe.version_text}"

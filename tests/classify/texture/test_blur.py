@@ -15,7 +15,7 @@ from classify.texture.blur import (
     blur_penalty,
     blurred_fields,
     blurred_surface,
-    least_over_blurs,
+    min_over_blurs,
 )
 from classify.texture.fields import texture_fields
 from classify.texture.spectra import field_spectra
@@ -50,7 +50,7 @@ def test_a_blurred_surface_fills_in_pixels_that_are_not_valid(stationary) -> Non
 
 
 def difference_at(variance_px2: float, test, test_curve, reference, curve):
-    """The difference that `least_over_blurs` describes, written down directly."""
+    """The difference that `min_over_blurs` describes, written down directly."""
 
     def between(changes: np.ndarray, variance: float) -> np.ndarray:
         knots = (0.0, *KNOTS_PX2)
@@ -78,7 +78,7 @@ def test_the_least_distance_is_that_of_trying_all_blurs(
     test += noise * rng.standard_normal(NUMBERS)
     arrays = [np.float32(each) for each in (test, test_curve, reference[None], curve[None])]
     penalty = blur_penalty(256**2)
-    least, variances = least_over_blurs(*arrays, RINGS, penalty)
+    least, variances = min_over_blurs(*arrays, RINGS, penalty)
     tried_px2 = np.linspace(-(MAX_SHARPER_PX**2), MAX_BLURRIER_PX**2, 1201)
     tried = [
         np.square(difference_at(v, test, test_curve, reference, curve)).sum() + penalty * abs(v)
@@ -96,7 +96,7 @@ def test_the_least_distance_is_that_of_trying_all_blurs(
 def test_equal_features_have_no_blur_and_no_distance() -> None:
     rng = np.random.default_rng(0)
     features, curve = (rng.standard_normal(shape).astype(np.float32) for shape in ((1, 9), (3, 9)))
-    least, variances = least_over_blurs(
+    least, variances = min_over_blurs(
         features[0], curve, features, curve[None], 4, blur_penalty(64**2)
     )
     assert least[0] == variances[0] == 0.0

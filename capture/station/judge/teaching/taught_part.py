@@ -88,7 +88,7 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
     )
 
 
-def check_alike(parts: Sequence[TaughtPart]) -> None:
+def check_same_setting(parts: Sequence[TaughtPart]) -> None:
     """Check that all sets have the same setting, and all or none a calibration."""
     first = parts[0]
     for part in parts[1:]:

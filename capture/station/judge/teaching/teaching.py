@@ -42,7 +42,7 @@ from .manual_limits import (
     with_set_limits,
 )
 from .taught_defects import TaughtDefects, mark_remark, teach_defects
-from .taught_part import TaughtPart, check_alike, taught_part
+from .taught_part import TaughtPart, check_same_setting, taught_part
 from .taught_sets import KeptSet, keep_sets, known_sets
 from .teaching_limits import general_limits, limits_of_texture, with_unjudged
 from .teaching_page import write_teaching_page
@@ -167,7 +167,7 @@ def _taught(
 ) -> Teaching:
     solving = (taught_part(kept, recipe.region) for kept in sets)
     parts = list(show(solving, len(sets), "solve"))
-    check_alike(parts)
+    check_same_setting(parts)
     unlabelled = [part for part in parts if not part.kept.has_label]
     require_one_texture(unlabelled)
     version = files.version(recipe.version)

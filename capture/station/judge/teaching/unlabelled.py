@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 
 from capture.station.domain.errors import RecipeError
-from classify.library.dissimilarity import groups_alike
+from classify.library.dissimilarity import texture_groups
 
 from .taught_part import TaughtPart
 
@@ -28,7 +28,7 @@ def require_one_texture(parts: Sequence[TaughtPart]) -> None:
     if len(parts) < 2:
         return
     rows, tests = [part.row for part in parts], [part.test for part in parts]
-    groups = groups_alike(rows, tests, parts[0].segment_px, _GROUP_DISTANCE)
+    groups = texture_groups(rows, tests, parts[0].segment_px, _GROUP_DISTANCE)
     firsts = [groups.index(group) for group in sorted(set(groups))]
     if len(firsts) > 1:
         named = ", ".join(
