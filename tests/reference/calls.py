@@ -6,7 +6,6 @@ from typing import Any, get_args
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.panel.app import DESCRIPTION
-from capture.station.panel.filters import FILTERS
 from capture.station.panel.guard import V1
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
@@ -68,35 +67,21 @@ def event_lines() -> list[str]:
 
 
 def call_lines() -> list[str]:
-    """Return a line for each call of the API, with its query and fields, by role."""
-    lines = ["Filters:", "", *(f"- `{name}` {about}" for name, about in FILTERS.items())]
-    for role in Role:
-        pages = [f"`{each.path}`" for each in ROUTES if each.role is role and each.is_page]
-        lines += ["", f"For the {role}, pages {', '.join(pages)}, and:", "", *_calls(role)]
+    """Return the pages of each role, and the methods of each path of the API by role."""
+    roles = list(Role)
+    lines = [f"- Pages for the {role}: {', '.join(_pages(role))}" for role in roles]
+    lines += ["", f"| call below `{V1}` | {' | '.join(roles)} |", "|---" * (1 + len(roles)) + "|"]
+    for path, calls in DESCRIPTION["paths"].items():
+        methods = [", ".join(_methods(calls, role)) for role in roles]
+        lines.append(f"| `{path.removeprefix(V1)}` | {' | '.join(methods)} |")
     return lines
 
 
-def _calls(role: Role) -> Iterator[str]:
-    for path, methods in DESCRIPTION["paths"].items():
-        for method, call in methods.items():
-            if call["security"] == [{"token": [role]}]:
-                given = [each for each in call.get("parameters", []) if each["in"] != "path"]
-                names = [each["name"] for each in given] + _fields(call)
-                yield _call(f"{method.upper()} {path.removeprefix(V1)}", call["description"], names)
+def _pages(role: Role) -> list[str]:
+    return [f"`{each.path}`" for each in ROUTES if each.role is role and each.is_page]
 
 
-def _fields(call: dict[str, Any]) -> list[str]:
-    if "requestBody" not in call:
-        return []
-    schema = call["requestBody"]["content"]["application/json"]["schema"]
-    name = schema.get("anyOf", [schema])[0]["$ref"].rpartition("/")[2]
-    return list(DESCRIPTION["components"]["schemas"][name]["properties"])
-
-
-def _call(call: str, about: str, names: list[str]) -> str:
-    lacking = [each for each in FILTERS if each not in names]
-    if len(lacking) < len(FILTERS) - 1:
-        but = " but " + " and ".join(lacking) if lacking else ""
-        names = [f"filters{but}", *(each for each in names if each not in FILTERS)]
-    meaning = " ".join(about.split()).partition(". ")[0].rstrip(".")
-    return f"- `{call}` {meaning}" + f" [{', '.join(names)}]" * bool(names)
+def _methods(calls: dict[str, Any], role: Role) -> Iterator[str]:
+    for method, call in calls.items():
+        if call["security"] == [{"token": [role]}]:
+            yield method.upper()

@@ -1,14 +1,11 @@
-"""The list of promises in `tests/README.md`: what a README says, and which tests hold it."""
+"""The promises of the READMEs, and the list in `tests/README.md` of the files that hold them."""
 
 import re
-import textwrap
 import tomllib
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "tests" / "README.md"
-# A promise is cut after so many characters: the table says which one, the TOML file what it is.
-_LONGEST = 48
 _LIST = re.compile(r"(?<=<!-- promises -->\n).*?(?=<!-- end of promises -->)", re.DOTALL)
 
 
@@ -30,19 +27,16 @@ def unkept() -> list[str]:
 
 
 def page_with_table() -> str:
-    """`tests/README.md` with the list of the present promises."""
-    lines = []
-    for page, rows in promises().items():
-        lines += ["", f"**{page}**", ""]
-        for promise, tests in rows.items():
-            files = " ".join(_short(test, Path(page).parent) for test in tests)
-            begin = textwrap.shorten(promise, _LONGEST, placeholder=" ...")
-            lines.append(f"- {begin} ({files})")
-    table = "\n".join([*lines, "", ""])
+    """`tests/README.md` with the list of the files that hold a promise, by their folders."""
+    files: dict[str, set[str]] = {}
+    for test in {test for rows in promises().values() for row in rows.values() for test in row}:
+        path = PurePosixPath(test)
+        folder = path.parent if path.suffix else path
+        files.setdefault(folder.as_posix(), set()).add(_short(path.name) if path.suffix else "all")
+    lines = [f"- `{folder}`: {', '.join(sorted(names))}" for folder, names in sorted(files.items())]
+    table = "\n".join(["", *lines, "", ""])
     return _LIST.sub(lambda _: table, PAGE.read_text(encoding="utf-8"))
 
 
-def _short(test: str, folder: Path) -> str:
-    """Name of a test, below the folder of its page if it is there."""
-    test = test.removeprefix(f"{folder.as_posix()}/")
-    return test.removesuffix(".py").replace("test_", "")
+def _short(name: str) -> str:
+    return name.removeprefix("test_").removesuffix(".py")

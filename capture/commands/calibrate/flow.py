@@ -29,7 +29,8 @@ CalibrationPath = Annotated[
     ),
 ]
 RigToCalibrate = Annotated[
-    str | None, typer.Option("--rig", help="'sim', or a rig.toml.", metavar="RIG")
+    str | None,
+    typer.Option("--rig", help="'sim' for the simulated rig, or a rig.toml.", metavar="RIG"),
 ]
 
 
