@@ -27,7 +27,6 @@ from capture.station.run.events import (
     json_fields,
 )
 from capture.station.run.states import Change, State
-from tests.capture.station.panel.routes import ROUTES
 
 _RESULT = PartResult(
     station="line-3", part_id="part-000001", number=1, trigger="timer",
@@ -67,18 +66,13 @@ def event_lines() -> list[str]:
 
 
 def call_lines() -> list[str]:
-    """Return the pages of each role, and the methods of each path of the API by role."""
+    """Return a table of the methods of each path of the API, by role."""
     roles = list(Role)
-    lines = [f"- Pages for the {role}: {', '.join(_pages(role))}" for role in roles]
-    lines += ["", f"| call below `{V1}` | {' | '.join(roles)} |", "|---" * (1 + len(roles)) + "|"]
+    lines = [f"| call below `{V1}` | {' | '.join(roles)} |", "|---" * (1 + len(roles)) + "|"]
     for path, calls in DESCRIPTION["paths"].items():
-        methods = [", ".join(_methods(calls, role)) for role in roles]
-        lines.append(f"| `{path.removeprefix(V1)}` | {' | '.join(methods)} |")
+        cells = [", ".join(_methods(calls, role)) for role in roles]
+        lines.append(f"| `{path.removeprefix(V1)}` | {' | '.join(cells)} |".replace("  ", " "))
     return lines
-
-
-def _pages(role: Role) -> list[str]:
-    return [f"`{each.path}`" for each in ROUTES if each.role is role and each.is_page]
 
 
 def _methods(calls: dict[str, Any], role: Role) -> Iterator[str]:

@@ -58,4 +58,7 @@ def _changes() -> list[str]:
     states: dict[tuple[str, State], list[str]] = {}
     for (old, change), new in TRANSITIONS.items():
         states.setdefault((change, new), []).append(f"`{old}`")
-    return [f"- {change}: {', '.join(old)} to `{new}`" for (change, new), old in states.items()]
+    return [
+        f"- {change}: {'any state' if len(old) == len(State) else ', '.join(old)} to `{new}`"
+        for (change, new), old in states.items()
+    ]
