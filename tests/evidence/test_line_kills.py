@@ -13,9 +13,9 @@ from tests.capture.station.line.test_handshake import (
     UTC,
     result,
 )
-from tests.capture.station.two_recipes import recipe_changes, rows_of, station_with_two_recipes
 from tests.evidence.station import watched_panel
 from tests.evidence.station.line_kills import contradictions, killed_line
+from tests.evidence.station.two_recipes import recipe_changes, rows_of, station_with_two_recipes
 
 KILLS = 6
 PASS, FAIL, ERROR = 1, 2, 4

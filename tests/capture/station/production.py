@@ -6,7 +6,6 @@ killed like any other process.
 
 import json
 import os
-import random
 import select
 import signal
 import time
@@ -15,7 +14,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from shutil import disk_usage
 from typing import Any
 
 from capture.base.names import SET_SUFFIX
@@ -38,8 +36,6 @@ from tests.capture.station.teaching_sets import SIDE_PX, acknowledge_faults, sav
 
 SMALL_RIG = RigConfig().with_changes(camera={"width_px": SIDE_PX, "height_px": SIDE_PX})
 VIRTUAL = SMALL_RIG.with_changes(simulation={"clock": "virtual"})
-# A kill comes after up to so many announced parts, and so much later: longer than a part takes.
-_MOST_PARTS, _LATEST_S = 3, 0.4
 # A run without an event for so long hangs. Machines stand still for minutes, too.
 _SILENCE_S = 900.0
 
@@ -69,16 +65,6 @@ def configure(folder: Path, **config: object) -> None:
     kept = [line for line in text.splitlines() if line.split(" ")[0] not in keys]
     lines = [f"{key} = {json.dumps(value)}" for key, value in keys.items()]
     (folder / CONFIG).write_text("\n".join([*lines, *kept, ""]), encoding="utf-8")
-
-
-def in_memory(parts: int) -> str | None:
-    """Return a folder in memory with room for the sets of so many parts, or None.
-
-    Where durability is not the subject, the time of fsync need not be spent.
-    """
-    shared = Path("/dev/shm")
-    needed_bytes = parts * 2 * SIDE_PX * SIDE_PX * 6
-    return str(shared) if shared.is_dir() and disk_usage(shared).free > needed_bytes else None
 
 
 def run_parts(
@@ -206,47 +192,3 @@ def contradictions(
             yield str(finding)
     for path in islice((folder / "parts").glob(f"*/*{SET_SUFFIX}"), None, None, read_every):
         yield from (str(each) for each in verify_file(path) if each.state != "good")
-
-
-def killed_production(
-    folders: list[Path], kills: int, choice: random.Random, between: Any = lambda _: None
-) -> dict[Path, list[dict[str, Any]]]:
-    """Run stations at the same time, kill one after the other, and run each to its end.
-
-    Parameters
-    ----------
-    folders
-        The stations.
-    kills
-        Number of kills.
-    choice
-        When and which.
-    between
-        Called with the number of each kill, for what else happens then.
-
-    Returns
-    -------
-    dict
-        All events of each station.
-    """
-    events: dict[Path, list[dict[str, Any]]] = {folder: [] for folder in folders}
-    runs = {folder: ForkedRun.start(folder) for folder in folders}
-    try:
-        for number in range(kills):
-            folder = choice.choice(folders)
-            run = runs[folder]
-            run.read_until(run.announced() + choice.randint(0, _MOST_PARTS))
-            between(number)
-            time.sleep(choice.uniform(0.0, _LATEST_S))
-            run.kill()
-            events[folder] += run.events
-            runs[folder] = ForkedRun.start(folder)
-    finally:  # a run would go on for ever
-        for run in runs.values():
-            run.kill()
-    for folder, run in runs.items():
-        events[folder] += run.events
-        last = ForkedRun.start(folder, parts=3)
-        last.wait()
-        events[folder] += last.events
-    return events

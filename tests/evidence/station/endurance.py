@@ -39,10 +39,10 @@ from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import LiveEvent
 from tests.capture.station.production import (
     contradictions,
-    in_memory,
     run_parts,
     taught_station,
 )
+from tests.evidence.station.memory_folder import in_memory
 from tests.memory_growth import resident_mb
 
 # Their scenes, of 2.4 MB each, fit into the cache of the simulated rig (rig/simulation/scenes.py).

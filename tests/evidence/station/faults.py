@@ -28,8 +28,9 @@ from capture.station.run.events import PartAnnounced
 from capture.station.run.live_view import LiveEvent
 from classify.base.errors import Ps4rigError
 from tests.capture.acquisition.test_fault_matrix import FAMILIES
-from tests.capture.station.production import SMALL_RIG, in_memory, run_parts, taught_station
+from tests.capture.station.production import SMALL_RIG, run_parts, taught_station
 from tests.capture.station.teaching_sets import SIDE_PX
+from tests.evidence.station.memory_folder import in_memory
 
 FEED = """[simulated_parts]
 surfaces = ["rock"]

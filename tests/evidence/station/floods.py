@@ -94,7 +94,7 @@ def latencies_ms(folder: Path, parts: int, rows: int, flood: str | None) -> list
     fill(folder, rows)
     if flood == _GUESSES:
         Users(folder).put("kim", Role.ADMINISTRATOR, "not wrong at all")
-    bench = [sys.executable, "-m", "tests.capture.station.panel.watched_bench", str(folder)]
+    bench = [sys.executable, "-m", "tests.evidence.station.watched_bench", str(folder)]
     numbers = [str(number) for number in (parts, _FRAME_PX, _CLASSES)]
     clients: subprocess.Popen[bytes] | None = None
     is_over = threading.Event()

@@ -13,8 +13,10 @@ import os
 import random
 import sys
 import tempfile
+import time
 from collections import Counter
 from pathlib import Path
+from typing import Any
 
 # The kernels of forked processes run in one thread.
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
@@ -22,18 +24,16 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 import cv2
 
 from capture.station.results.verification import verify_station
-from tests.capture.station.production import (
-    contradictions,
-    killed_production,
-    taught_station,
-)
-from tests.capture.station.two_recipes import rows_of, station_with_two_recipes
+from tests.capture.station.production import ForkedRun, contradictions, taught_station
 from tests.evidence.station import line_kills, watched_panel
 from tests.evidence.station.line_kills import killed_line
+from tests.evidence.station.two_recipes import rows_of, station_with_two_recipes
 from tests.postgresql_server import postgresql_server
 
 # The server is killed with every so many kills of a station.
 _SERVER_KILLED_EVERY = 10
+# A kill comes after up to so many announced parts, and so much later: longer than a part takes.
+_MOST_PARTS, _LATEST_S = 3, 0.4
 
 
 def main(kills: int, *, on_postgresql: bool, seed: int) -> int:
@@ -89,6 +89,50 @@ def _told(kills: int, folders: list[Path], choice: random.Random, between=lambda
     )
     print(*wrong, sep="\n", end="")
     return int(bool(wrong))
+
+
+def killed_production(
+    folders: list[Path], kills: int, choice: random.Random, between: Any = lambda _: None
+) -> dict[Path, list[dict[str, Any]]]:
+    """Run stations at the same time, kill one after the other, and run each to its end.
+
+    Parameters
+    ----------
+    folders
+        The stations.
+    kills
+        Number of kills.
+    choice
+        When and which.
+    between
+        Called with the number of each kill, for what else happens then.
+
+    Returns
+    -------
+    dict
+        All events of each station.
+    """
+    events: dict[Path, list[dict[str, Any]]] = {folder: [] for folder in folders}
+    runs = {folder: ForkedRun.start(folder) for folder in folders}
+    try:
+        for number in range(kills):
+            folder = choice.choice(folders)
+            run = runs[folder]
+            run.read_until(run.announced() + choice.randint(0, _MOST_PARTS))
+            between(number)
+            time.sleep(choice.uniform(0.0, _LATEST_S))
+            run.kill()
+            events[folder] += run.events
+            runs[folder] = ForkedRun.start(folder)
+    finally:  # a run would go on for ever
+        for run in runs.values():
+            run.kill()
+    for folder, run in runs.items():
+        events[folder] += run.events
+        last = ForkedRun.start(folder, parts=3)
+        last.wait()
+        events[folder] += last.events
+    return events
 
 
 if __name__ == "__main__":

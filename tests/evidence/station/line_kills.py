@@ -47,7 +47,7 @@ from capture.station.run.run import run_station
 from classify.base.errors import Ps4rigError
 from tests.capture.station.line.lines import WAIT_S
 from tests.capture.station.production import SMALL_RIG
-from tests.capture.station.two_recipes import (
+from tests.evidence.station.two_recipes import (
     RECIPES,
     recipe_changes,
     rows_of,

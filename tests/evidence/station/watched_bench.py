@@ -1,6 +1,6 @@
 """The bench of a station with its panel, as `ps4rig station run` is.
 
-    python -m tests.capture.station.panel.watched_bench FOLDER PARTS FRAME_PX CLASSES
+    python -m tests.evidence.station.watched_bench FOLDER PARTS FRAME_PX CLASSES
 
 Prints the address of the panel, and waits for a line. Then it judges the parts, prints what it
 measured as one line of JSON, and serves the panel until its input ends.
