@@ -26,7 +26,7 @@ from capture.station.run.recovery import finish_interrupted
 from capture.station.run.run_recipes import UsableRecipe
 from capture.station.run.station_clock import StationClock
 from capture.station.run.station_state import StationState
-from capture.station.run.triggers import Answer, Asker, Trigger
+from capture.station.run.triggers import Answer, Asker, PartSensor, Trigger
 from rig import RigConfig, open_rig
 from rig.doctor.check import Check
 
@@ -171,6 +171,7 @@ class Bench:
     live: LiveStation | None = None
     report_alive: ReportAlive = lambda _: None
     recipes: FakeRecipes | None = None
+    sensor: PartSensor | None = None
 
     def run(self, source: Any, count: int | None = None, **changes: Any) -> None:
         """Run the station; `events` holds what happened."""
@@ -209,6 +210,7 @@ class Bench:
                 prepare,
                 self.clock,
                 live,
+                self.sensor,
                 report_alive=self.report_alive,
                 recipes=self.recipes,
             )

@@ -109,14 +109,6 @@ def test_a_fading_led_is_named_long_before_its_parts_are_errors() -> None:
     assert len(of_led) < 12
 
 
-def test_a_growing_distance_is_noticed() -> None:
-    draw, parts = np.random.default_rng(4), 200
-    logs = draw.normal(0.0, 0.1, parts)
-    logs[BASELINE_PARTS:] += 0.15
-    told = fed(np.ones((parts, 4)), np.exp(logs))
-    assert any(text.startswith("distance") for text in told)
-
-
 def test_another_recipe_begins_another_baseline() -> None:
     """Its distances and the levels at which it was taught are others."""
     draw, told = np.random.default_rng(5), list[str]()

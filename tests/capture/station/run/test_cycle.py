@@ -15,7 +15,6 @@ import pytest
 from capture.base.errors import CalibrationError, SetRejected
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import PartResult
 from capture.station.run.cycle import Station
 from capture.station.run.events import (
@@ -426,25 +425,6 @@ def test_a_store_that_fails_strangely_ends_the_run_without_an_announcement(
     assert recovered.result.verdict.causes == (Cause.INTERRUPTED,)
     assert recovered.result.set_file is not None
     assert station.rows() == [(*ids(1), Decision.ERROR), (*ids(2), Decision.PASS)]
-
-
-def test_a_trigger_that_cannot_be_begun_is_refused(station: Bench) -> None:
-    begin, calls = station.store.begin, 0
-
-    def begun(**values: Any) -> Any:
-        nonlocal calls
-        calls += 1
-        if calls == 1:
-            raise ResultsUnavailable("server: connection refused")
-        return begin(**values)
-
-    station.store.begin = begun  # type: ignore[method-assign]
-    answers: list[Answer] = []
-    station.run(one_after_the_other(2, answers), count=1)
-    assert isinstance(answers[0], Refused)
-    assert "connection refused" in answers[0].reason
-    assert answers[0].kind is Refusal.DATABASE
-    assert station.announced() == [(*ids(1), Decision.PASS)]
 
 
 # rig and self-test

@@ -67,7 +67,7 @@ def test_a_trigger_that_a_locked_database_holds_up_is_refused_in_time(station: B
         until_ready(target)
         submit()
 
-    station.run(Manual(feed), max_trigger_age_s=LIMIT_S)
+    station.run(Manual(feed), count=1, max_trigger_age_s=LIMIT_S)
     assert isinstance(answers[0], Refused)
     assert answers[0].kind is Refusal.DATABASE
     assert f"no answer in {LIMIT_S:g} s" in answers[0].reason  # it would be waited for 20 s
@@ -92,20 +92,6 @@ def test_a_trigger_that_is_too_old_when_the_row_is_written_is_refused(station: B
     assert answers[0].kind is Refusal.LATE
     assert isinstance(answers[1], Accepted)
     assert station.of(PartRecovered) == []
-
-
-def test_a_trigger_whose_client_is_gone_is_refused(station: Bench) -> None:
-    answers: list[Answer] = []
-
-    def feed(target: Station) -> None:
-        until_ready(target)
-        answers.append(target.submit(Trigger("http", is_withdrawn=lambda: True)))
-
-    station.run(Manual(feed))
-    assert isinstance(answers[0], Refused)
-    assert answers[0].kind is Refusal.LATE
-    assert station.rows() == []
-    assert refused_triggers(station) == 1
 
 
 def test_a_begun_part_is_not_exposed_when_its_trigger_is_too_old(station: Bench) -> None:

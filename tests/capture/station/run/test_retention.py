@@ -1,6 +1,8 @@
+import threading
 from collections.abc import Iterator
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -9,10 +11,12 @@ from capture.station.domain.config import Retention
 from capture.station.domain.verdict import Decision
 from capture.station.results.removals import passed_sets, record_removals
 from capture.station.results.store import ResultStore, open_store
-from capture.station.run.retention import is_sample, remove_old_sets
+from capture.station.run import retention
+from capture.station.run.retention import is_sample, remove_old_sets, retention_in_background
 from classify.base.errors import InputError
 from tests.capture.station.days_with_parts import make_days
 from tests.capture.station.results.parts import inspect
+from tests.waiting import until_so
 
 NOW = datetime(2026, 11, 22, 12, tzinfo=UTC)
 NO_SAMPLE = Retention(pass_every=1_000_000, pass_days=7.0)
@@ -108,3 +112,40 @@ def test_the_sample_is_the_same_each_time_and_as_large_as_asked() -> None:
     assert sample == [part_id for part_id in ids if is_sample("line-1", part_id, 20)]
     assert 900 < len(sample) < 1100  # 1000 within 3 standard deviations of 31
     assert all(is_sample("line-1", part_id, 1) for part_id in ids[:50])
+
+
+def test_old_sets_go_while_the_station_runs(store: ResultStore, tmp_path: Path) -> None:
+    path = make_part(store, tmp_path, Decision.PASS, 2000)
+    make_days(tmp_path, datetime.now(UTC))
+    with retention_in_background(tmp_path, store, NO_SAMPLE, print):
+        until_so(lambda: not path.exists())
+    [entry] = store.parts()
+    assert entry.set_removed_utc[:10] <= datetime.now(UTC).date().isoformat()
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (None, "../elsewhere"),
+        (OSError(5, "Input/output error"), "[Errno 5] Input/output error"),
+    ],
+)
+def test_what_fails_is_a_warning(
+    store: ResultStore,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    error: OSError | None,
+    said: str,
+) -> None:
+    warnings, warned = list[str](), threading.Event()
+    if error is not None:
+        monkeypatch.setattr(retention, "remove_old_sets", Mock(side_effect=error))
+
+    def warn(text: str) -> None:
+        warnings.append(text)
+        warned.set()
+
+    inspect(store, triggered_utc="2020-01-01T00:00:00.000Z", set_file="../elsewhere")
+    with retention_in_background(tmp_path, store, NO_SAMPLE, warn):
+        assert warned.wait(60)
+    assert warnings[0].startswith(f"old sets are not removed: {said}")

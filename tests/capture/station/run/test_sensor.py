@@ -1,24 +1,20 @@
 """Parts that a part sensor triggers, on the simulated controller."""
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Decision
 from capture.station.judge.inspector import Collector
-from capture.station.run.cycle import Station
-from capture.station.run.equipment import Equipment
 from capture.station.run.events import PartAnnounced, TriggerRefused
-from capture.station.run.live_station import LiveStation
-from capture.station.run.outcome import PartJudge
 from capture.station.run.station_rig import StationRig
 from capture.station.run.triggers import MAX_RECORDED, PartSensor, Refused, SensorTrigger, Trigger
 from rig import RigConfig, Simulation
-from tests.capture.station.stations import Bench, bench, small_set
+from tests.capture.station.stations import Bench, bench
 
 
 class WatchedRig(StationRig):
@@ -32,45 +28,27 @@ class WatchedRig(StationRig):
         return super().capture(number)
 
 
+@dataclass
 class Line:
     """A station whose rig has a part sensor; events are in those of its bench."""
 
-    def __init__(self, made: Bench, synchronisation: str = "trigger") -> None:
-        self.bench = made
-        values = made.folder.config.model_dump() | {
-            "timer_s": 0.2,
-            "max_trigger_age_s": 60.0,
-            "disk_floor_mb": 1,
-            "reconnect_s": 0.01,
-        }
-        self.config = StationConfig.model_validate(values)
-        camera = {"width_px": 32, "height_px": 32}
-        config = RigConfig().with_changes(
-            camera=camera, lights={"synchronisation": synchronisation}
-        )
-        collector = Collector(Recipe(name="sheet", passes=("rock",)))
-        self.rig = WatchedRig(self.config, config, collector)
+    bench: Bench
+    rig: WatchedRig
 
     def run(self, count: int) -> None:
-        store, clock = self.bench.store, self.bench.clock
-
-        def save(captured: CapturedSet, set_file: str) -> None:
-            path = self.bench.folder.path / set_file
-            path.parent.mkdir(parents=True, exist_ok=True)
-            captured.save(path)
-
-        live = LiveStation("line-1", simulated=True)
-        with live.telling(self.bench.tell):
-            judge = PartJudge(self.config.name, "Ada", self.bench.inspector, {}, save, clock)
-            sensor = PartSensor(self.rig, store)
-            parts = Equipment(self.rig, judge, store, list, clock, live, sensor)
-            Station(self.bench.folder.path, self.config, parts, count).run(SensorTrigger())
+        self.bench.run(SensorTrigger(), count)
 
 
 @pytest.fixture(params=["trigger", "strobe"])
-def line(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Line]:
-    with bench(tmp_path / "line-1", small_set()) as made:
-        yield Line(made, request.param)
+def line(request: pytest.FixtureRequest, tmp_path: Path, captured: CapturedSet) -> Iterator[Line]:
+    config = RigConfig().with_changes(
+        camera={"width_px": 32, "height_px": 32}, lights={"synchronisation": request.param}
+    )
+    with bench(tmp_path / "line-1", captured) as made:
+        quick = made.folder.config.model_copy(update={"timer_s": 0.2})
+        rig = WatchedRig(quick, config, Collector(Recipe(name="sheet", passes=("rock",))))
+        made.camera, made.sensor = rig, PartSensor(rig, made.store)  # type: ignore[assignment]
+        yield Line(made, rig)
 
 
 def test_each_part_at_the_sensor_is_inspected(line: Line) -> None:
