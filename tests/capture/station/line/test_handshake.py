@@ -139,17 +139,6 @@ def test_every_verdict_and_state_has_a_code_of_its_own() -> None:
         assert len(set(codes.values())) == len(codes)
 
 
-@pytest.mark.parametrize("kind", Refusal)
-def test_a_refusal_of_the_station_has_its_code(kind: Refusal) -> None:
-    handshake = ready()
-    handshake.answered(triggered(handshake, 1), Refused("it cannot", kind))
-    assert status(handshake) & (Status.ACK | Status.REFUSED) == Status.REFUSED
-    assert shown(handshake)["error"] == kind
-    write(handshake)
-    assert Status.REFUSED not in status(handshake)
-    assert shown(handshake)["error"] == 0
-
-
 @pytest.mark.parametrize(
     ("options", "values", "code"),
     [

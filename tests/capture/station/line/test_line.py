@@ -99,19 +99,6 @@ def test_the_end_waits_for_the_last_answer_and_no_longer(monkeypatch: pytest.Mon
     assert time.monotonic() - ended_s < WAIT_S / 2
 
 
-def test_refusals_beyond_a_hundred_before_the_start_are_counted() -> None:
-    live, results = LiveStation("line-1", simulated=True), Recorder()
-    for number in range(103):
-        live.refuse(Trigger("modbus", f"A-{number}"), "too early")
-    with live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
-        pass
-    assert [row.part_id for row in results.rows] == [
-        *(f"A-{number}" for number in range(100)),
-        None,
-    ]
-    assert live.state.refused == 103
-
-
 def test_a_defect_while_a_recipe_loads_is_an_answer_to_the_plc() -> None:
     class Defective(Recorder):
         def load_recipe(self, *_: object) -> NoReturn:

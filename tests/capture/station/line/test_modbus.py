@@ -150,20 +150,6 @@ def test_only_the_addresses_of_the_plc_may_connect(
             assert plc.recv(100)[7] == 4
 
 
-@pytest.mark.parametrize("sent", [b"GET / HTTP/1.1\r\n\r\n", b"\xff" * 3000, b"\0\1\0\0\0"])
-def test_bytes_that_are_not_modbus_harm_no_other_client(
-    tmp_path: Path, captured: CapturedSet, sent: bytes
-) -> None:
-    with (
-        running_line(tmp_path / "line-1", captured) as line,
-        line.client() as plc,
-        socket.create_connection(("127.0.0.1", line.port)) as other,
-    ):
-        other.sendall(sent)
-        trigger(plc, 1)
-        assert until(plc, Status.RESULTS_VALID)["result_number"] == 1
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("shrinks", [False, True], ids=["fills up", "drops answers"])
 def test_a_client_that_reads_no_answers_and_connections_beyond_the_limit_are_closed(

@@ -83,19 +83,6 @@ def test_an_id_that_cannot_name_a_part_is_refused(store: ResultStore, part_id: s
     assert store.unfinished() == []
 
 
-def test_a_begun_part_is_unfinished_until_it_has_its_result(store: ResultStore) -> None:
-    first, second = begin(store), begin(store)
-    store.add(result_of(first))
-    assert store.unfinished() == [second]
-
-
-def test_the_same_result_again_changes_nothing(store: ResultStore) -> None:
-    result = result_of(begin(store), timings_ms={"b": 1.0, "a": 2.5}, distance=0.1)
-    store.add(result)
-    store.add(result)
-    assert [entry.result for entry in store.parts()] == [result]
-
-
 def test_another_result_of_a_part_is_refused(store: ResultStore) -> None:
     begun = begin(store)
     store.add(result_of(begun, Decision.FAIL))

@@ -47,13 +47,6 @@ def states(folder: Path) -> dict[str, str]:
     return {str(each.path.relative_to(folder)): each.state for each in findings}
 
 
-def test_a_station_whose_files_are_those_of_its_results_is_good(folder: Path, kept: Path) -> None:
-    assert kept.is_file()
-    assert [(each.path.name, each.state) for each in verify_station(folder)] == [
-        ("station.toml", "good")
-    ]
-
-
 def test_a_missing_set_is_found_unless_it_was_removed(
     folder: Path, store: ResultStore, kept: Path
 ) -> None:
@@ -121,14 +114,6 @@ def test_a_head_that_was_kept_elsewhere_must_still_be_in_the_chain(
     head = store.chain_head().chain_sha256
     assert [finding.state for finding in verify_station(folder, head)] == ["good"]
     assert [finding.state for finding in verify_station(folder, "0" * 64)] == ["altered"]
-
-
-def test_a_damaged_database_is_found(folder: Path, store: ResultStore) -> None:
-    inspect(store)
-    store.close()
-    (folder / "results.sqlite").write_bytes(b"nothing" * 1000)
-    [finding] = verify_station(folder)
-    assert "its results cannot be read" in finding.details
 
 
 def test_numbers_do_not_begin_anew_beside_sets_of_a_lost_database(
