@@ -155,14 +155,19 @@ def _fitted(
             camera[0, 0] = camera[1, 1] = free.focal_px
             focal_error = free.focal_error
             fit = _Fit.of(boards, board, frame, camera, _FIXED_PARAMETERS)
+    # Distortion would explain part of what a wrong focal length leaves of a tilt: its significance
+    # is judged between fits with a free focal length.
+    plain = _Fit.of(boards, board, frame, camera, cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2)
     freedom = (2 * len(board) - 6) * len(boards)
-    for fixed in (_FIXED_PARAMETERS - cv2.CALIB_FIX_K1, cv2.CALIB_FIX_FOCAL_LENGTH):
-        better = _Fit.of(boards, board, frame, camera, fixed)
+    coefficients = 0
+    for count, fixed in ((1, cv2.CALIB_FIX_K2), (2, 0)):
+        bent = _Fit.of(boards, board, frame, camera, fixed)
+        better = _Fit.of(boards, board, frame, camera, fixed + cv2.CALIB_FIX_FOCAL_LENGTH)
         moved = np.concatenate([_shift(points, better.radial, camera) for points in boards])
         is_visible = np.linalg.norm(moved, axis=1).max() > _VISIBLE_DISTORTION * better.residual_px
-        explained = fit.residual_px**2 - better.residual_px**2
-        if is_visible and explained > _SIGNIFICANT_F * better.residual_px**2 / freedom:
-            fit = better
+        explained = (plain.residual_px**2 - bent.residual_px**2) / (count - coefficients)
+        if is_visible and explained > _SIGNIFICANT_F * bent.residual_px**2 / freedom:
+            fit, plain, coefficients = better, bent, count
     return fit, camera, focal_error
 
 

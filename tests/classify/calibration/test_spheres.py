@@ -60,7 +60,9 @@ def test_a_mirror_sphere_gives_distant_lights_within_its_error(
     )  # fmt: skip
     found = lights_from_spheres([taken(picture, "mirror")], "mirror", focal_px=focal)
     off = off_deg(found.lights.lighting.directions, lights)
-    assert np.median(off) < 0.5
+    # A centre that is off by a pixel rotates normals by 1 / radius, and lights by twice as much.
+    # 0.305 px are 0.5 degrees on the largest sphere, of 70 px.
+    assert np.median(off) < 2.0 * np.degrees(0.305 / radius)
     assert (off < 4.0 * found.lights.direction_errors_deg).all()
 
 
