@@ -11,7 +11,7 @@ from rig.scene.render import Gloss, SceneImages, render_frame
 from rig.scene.synthetic import synthetic_surface
 from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import SimulatedSet
-from tests.evidence.uncertainty import held
+from tests.evidence.uncertainty import errors_deg, held
 
 SIDE = 192
 
@@ -41,6 +41,19 @@ def test_95_percent_of_the_errors_are_within_their_intervals(
         assert 0.92 < held(scene, surface, lit == lights) < 0.97
     if surface.repaired is not None and method == "ps4_robust":
         assert held(scene, surface, surface.repaired, completed=True) > 0.9
+
+
+def test_under_low_lights_level_pixels_have_the_largest_errors_and_deviations() -> None:
+    surface, ring = synthetic_surface("rock", 0, 2 * SIDE), Lighting.ring(12.0)
+    steep = replace(surface, height=2 * surface.height, p=2 * surface.p, q=2 * surface.q)
+    scene = render_frame(steep, ring, SIDE)
+    estimate = solved(SimulatedSet.expose(scene, ring, SensorModel(bit_depth=8), 0))
+    errors, slopes = errors_deg(scene, estimate), np.hypot(scene.p, scene.q)
+    level, steepest = slopes < np.quantile(slopes, 0.25), slopes > np.quantile(slopes, 0.75)
+    assert errors[level].mean() > 1.4 * errors[steepest].mean()
+    assert estimate.angle_sd is not None
+    for quarter in (level, steepest):
+        assert 0.9 < estimate.angle_sd[quarter].mean() / errors[quarter].mean() < 1.25
 
 
 def test_a_shadow_that_least_squares_uses_is_in_the_deviation() -> None:
