@@ -1,7 +1,6 @@
 """Events of a station and calls of its HTTP API as Markdown."""
 
-from collections.abc import Iterator
-from typing import Any, get_args
+from typing import get_args
 
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Decision, Verdict
@@ -66,16 +65,15 @@ def event_lines() -> list[str]:
 
 
 def call_lines() -> list[str]:
-    """Return a table of the methods of each path of the API, by role."""
-    roles = list(Role)
-    lines = [f"| call below `{V1}` | {' | '.join(roles)} |", "|---" * (1 + len(roles)) + "|"]
+    """Return a line for each role and method: the paths of the API that it may use."""
+    paths: dict[tuple[str, str], list[str]] = {}
     for path, calls in DESCRIPTION["paths"].items():
-        cells = [", ".join(_methods(calls, role)) for role in roles]
-        lines.append(f"| `{path.removeprefix(V1)}` | {' | '.join(cells)} |".replace("  ", " "))
-    return lines
-
-
-def _methods(calls: dict[str, Any], role: Role) -> Iterator[str]:
-    for method, call in calls.items():
-        if call["security"] == [{"token": [role]}]:
-            yield method.upper()
+        for method, call in calls.items():
+            [role] = call["security"][0]["token"]
+            paths.setdefault((role, method.upper()), []).append(f"`{path.removeprefix(V1)}`")
+    return [
+        f"- {role}, {method}: {', '.join(allowed)}"
+        for role in Role
+        for (needed, method), allowed in paths.items()
+        if needed == role
+    ]

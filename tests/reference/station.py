@@ -2,6 +2,7 @@
 
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
+from capture.station.panel.guard import V1
 from capture.station.run.states import TRANSITIONS, State
 
 from .calls import call_lines, event_lines
@@ -36,8 +37,8 @@ def station_page() -> str:
             "",
             "## Calls of the HTTP API",
             "",
-            "The page `/api` explains queries, fields and answers; `/api/v1/openapi.json` does so",
-            "for programs. A role may also use the calls of the roles left of it.",
+            f"Below `{V1}`; the page `/api` explains queries, fields and answers, `openapi.json` does",
+            "so for programs. A role may also use the calls of those before it.",
             "",
             *call_lines(),
             "",
