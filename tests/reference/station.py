@@ -38,7 +38,7 @@ def station_page() -> str:
             "## Calls of the HTTP API",
             "",
             f"Below `{V1}`; the page `/api` explains queries, fields and answers,",
-            "`openapi.json` does so for programs. A role may also use the calls of those before it.",
+            "`openapi.json` does so for programs. A role may use the calls of those before it.",
             "",
             *call_lines(),
             "",
