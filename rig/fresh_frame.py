@@ -12,8 +12,8 @@ from .lights.driver import Switch
 from .lights.sequence import RunningSequence, exposure_left_s
 from .rig import Rig
 
-# Time to wait beyond what frame rate and queue explain, for a camera that has just started to
-# stream or a busy computer. A longer time only delays the error message.
+# Time to wait beyond that by frame rate and queue, for a camera that has just started to stream or
+# a busy computer. A longer time only delays the error message.
 SPARE_S = 2.0
 # Interval of asking whether a sequence is over.
 _POLL_S = 0.001

@@ -20,25 +20,25 @@ from rig.step_fit import StepFit, Steps, fit_steps
 
 # Bands of rows in a frame: more make the fit slower, fewer the readout less certain.
 _BANDS = 32
-# Periods of frames recorded after a step, on top of stale frames: the step and its end.
+# Frame periods that are recorded after a step, on top of stale frames: the step and its end.
 _PERIODS_AFTER = 2.0
 # Least change of a band's light as a share of the range: with less, noise dominates.
 _MIN_CONTRAST = 0.01
 # Drift of the controller's crystal against this computer's: common crystals have 50 ppm.
 _CLOCK_DRIFT = 5e-5
-# Number of exchanges before and after each one whose bounds are combined: enough that one of them
-# is fast, few enough that the clocks hardly drift.
+# Number of exchanges before and after an exchange whose bounds are combined: enough that one of
+# them is fast, few enough that the clocks hardly drift.
 _NEIGHBOURS = 8
-# The second half of the switches may miss an exposure by this share of it, because its ends are
-# known only roughly after the first half.
-_AIM_BEYOND = 0.1
+# The second half of the switches is aimed at the exposures and this share before and after them,
+# because their ends are known only roughly after the first half.
+_AIM_MARGIN = 0.1
 
 
 @dataclass
 class _Recording:
     """Switches, and for each frame its times and the light in each band of its rows."""
 
-    # s: command, acknowledgement, switch; turned on
+    # Times of command, acknowledgement and switch, in s; whether the LED was switched on.
     switches: list[tuple[float, float, float, bool]] = field(default_factory=list)
     reported_s: list[float] = field(default_factory=list)
     arrived_s: list[float] = field(default_factory=list)
@@ -57,12 +57,12 @@ class _Evaluation:
     delay_s: float  # from the command to the switch
     unknown_s: float  # uncertainty of the times of the switches
 
-    def wait_s(self, place: float, now_s: float, reported_s: float) -> float:
-        """Time until a command switches at `place`, 0 to 1, of a coming exposure."""
-        place_s = ((1.0 + 2.0 * _AIM_BEYOND) * place - _AIM_BEYOND) * (
+    def wait_s(self, phase: float, now_s: float, reported_s: float) -> float:
+        """Time until a command switches at `phase`, 0 to 1, of a coming exposure."""
+        aim_s = ((1.0 + 2.0 * _AIM_MARGIN) * phase - _AIM_MARGIN) * (
             self.steps.exposure_s + self.fit.readout_s
         )
-        due_s = reported_s + self.fit.start_s - self.delay_s + place_s
+        due_s = reported_s + self.fit.start_s - self.delay_s + aim_s
         return (due_s - now_s) % self.steps.period_s
 
 
@@ -75,19 +75,19 @@ def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Re
     parts = [part for _ in range(2) for part in rng.sample(range(count // 2), count // 2)]
     dark_s = rig.lights.off().acknowledged_s
     next_fresh_frame(rig, dark_s + after_s)
-    half: _Evaluation | None = None
+    first_half: _Evaluation | None = None
     for number in numbers:
         if number == count // 2:
-            half = _evaluate(rig, recording)
-        place = (parts[number] + rng.random()) / (count // 2)
-        if half is None:
-            clock.sleep_s(place * info.frame_period_s)
+            first_half = _evaluate(rig, recording)
+        phase = (parts[number] + rng.random()) / (count // 2)
+        if first_half is None:
+            clock.sleep_s(phase * info.frame_period_s)
         else:
-            clock.sleep_s(half.wait_s(place, clock.now_s(), recording.reported_s[-1]))
-        asked_s, rising = clock.now_s(), number % 2 == 0
+            clock.sleep_s(first_half.wait_s(phase, clock.now_s(), recording.reported_s[-1]))
+        sent_s, rising = clock.now_s(), number % 2 == 0
         switch = switch_to(rig, led if rising else None)
         controller_s = switch.controller_time_us / 1e6
-        recording.switches.append((asked_s, switch.acknowledged_s, controller_s, rising))
+        recording.switches.append((sent_s, switch.acknowledged_s, controller_s, rising))
         for frame, _ in frames_until_fresh(rig, switch.acknowledged_s + after_s):
             if frame.flags != FrameFlag.GOOD:
                 continue
@@ -149,12 +149,12 @@ def _switch_times(sent: Floats, answered: Floats, device: Floats) -> tuple[Float
     """Time of each switch on the rig's clock, and the uncertainty."""
     switched, unknown_s = np.empty(len(sent)), 0.0
     for index in range(len(sent)):
-        near = slice(max(index - _NEIGHBOURS, 0), index + _NEIGHBOURS + 1)
+        neighbours = slice(max(index - _NEIGHBOURS, 0), index + _NEIGHBOURS + 1)
         low, high = (
-            float((sent - device)[near].max()),
-            float((answered - device)[near].min()),
+            float((sent - device)[neighbours].max()),
+            float((answered - device)[neighbours].min()),
         )
-        drift_s = _CLOCK_DRIFT * float(answered[near].max() - sent[near].min())
+        drift_s = _CLOCK_DRIFT * float(answered[neighbours].max() - sent[neighbours].min())
         if low > high + drift_s:
             # The clock was set or restarted: only the bounds of this exchange hold.
             low, high = (
@@ -167,13 +167,13 @@ def _switch_times(sent: Floats, answered: Floats, device: Floats) -> tuple[Float
 
 
 def _shares(
-    levels: Floats, of_step: Indices, rising: BoolArray, values: int
+    levels: Floats, of_step: Indices, rising: BoolArray, value_range: int
 ) -> tuple[Floats, BoolArray]:
     """(F, B) share of the LED's light in each band, and which of all bands show it."""
     last = np.append(np.diff(of_step) > 0, True)
     brightest = np.median(levels[last & rising[of_step]], axis=0)
     dark = np.median(levels[last & ~rising[of_step]], axis=0)
-    lit_bands = brightest - dark > _MIN_CONTRAST * values
+    lit_bands = brightest - dark > _MIN_CONTRAST * value_range
     if np.count_nonzero(lit_bands) < 2:
         raise CameraError(
             "the LED makes no difference in the frames; choose an LED that works, and put a bright "
@@ -185,12 +185,12 @@ def _shares(
 # Largest rms residual of the shares of light: more than with stamps that jitter by 3 ms, less than
 # with flickering light (both in tests/rig/test_latency.py).
 _MAX_MISFIT = 0.08
-# Fewest frames that contain a switch: with fewer, their scatter is not known.
+# Least number of frames that contain a switch: with fewer, their scatter is unknown.
 _MIN_CAUGHT = 6
 # Share of a change from which a row counts as completely changed, within its noise.
 _COMPLETE = 0.98
-# Settle time within a thousandth of the level, ln 1000 time constants, by the 10 to 90 % time, ln 9
-# time constants.
+# Settle time to a thousandth of the level, in rise times from 10 to 90 %. An exponential takes
+# ln 1000 and ln 9 time constants for them.
 _SETTLED_PER_RISE = math.log(1000.0) / math.log(9.0)
 
 
@@ -198,9 +198,9 @@ _SETTLED_PER_RISE = math.log(1000.0) / math.log(9.0)
 class _CompleteChange:
     """Time from the acknowledgement to the first frame in which a row has changed completely."""
 
-    typical_ms: float  # median until the program has the frame
+    typical_ms: float  # median time until the program has the frame
     most_ms: float
-    most_frames: int  # received before it, stale ones included
+    most_frames: int  # largest number of frames received before it, stale ones included
 
 
 @dataclass(frozen=True)
@@ -255,11 +255,11 @@ def measure_latency(
             f"only {fit.caught} exposures contain a switch of LED {led}, at least {_MIN_CAUGHT} "
             "are needed; use more --steps, or lengthen the exposure"
         )
-    # Only the first half of the switches are at all phases of the frames.
-    anywhere = evaluation.of_step < steps
-    shares, rising = evaluation.steps.shares[anywhere], evaluation.steps.rising[anywhere, None]
+    # Only the first half of the switches is spread over all phases of the frames.
+    unaimed = evaluation.of_step < steps
+    shares, rising = evaluation.steps.shares[unaimed], evaluation.steps.rising[unaimed, None]
     is_complete = np.where(rising, shares, 1.0 - shares) >= _COMPLETE
-    after_s, of_step = evaluation.after_s[anywhere], evaluation.of_step[anywhere]
+    after_s, of_step = evaluation.after_s[unaimed], evaluation.of_step[unaimed]
     rows = (-1, 0) if fit.bottom_up else (0, -1)
     first_row, last_row = (_complete_change(is_complete[:, row], after_s, of_step) for row in rows)
     return CameraLatency(
@@ -294,12 +294,12 @@ def _camera_keys(
 def _complete_change(done: BoolArray, after_s: Floats, of_step: Indices) -> _CompleteChange:
     times_s, frames = [], []
     for step in np.unique(of_step):
-        chosen = np.flatnonzero(of_step == step)
+        step_frames = np.flatnonzero(of_step == step)
         # The first frame after the last incomplete one.
-        missing = np.flatnonzero(~done[chosen])
-        first = int(missing[-1]) + 1 if len(missing) else 0
-        if first < len(chosen):
-            times_s.append(float(after_s[chosen[first]]))
+        incomplete = np.flatnonzero(~done[step_frames])
+        first = int(incomplete[-1]) + 1 if len(incomplete) else 0
+        if first < len(step_frames):
+            times_s.append(float(after_s[step_frames[first]]))
             frames.append(first)
     if not times_s:
         raise CameraError(

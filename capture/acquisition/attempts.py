@@ -32,10 +32,10 @@ from .hardware_set import ArrivedPart, images_in_sequence
 from .light_checks import check_set, check_target, measured_levels
 from .light_images import SetImage, images_under
 
-# Keeps the sum of 16-bit frames far within 32 bits.
+# Largest number of averaged frames; the sum of so many 16-bit frames is far within 32 bits.
 MAX_AVERAGE = 1024
-# A passing disturbance (a lost line, a torn frame) seldom affects two attempts; see the table that
-# test_fault_matrix.py prints.
+# A transient disturbance (a lost line, a torn frame) seldom affects two attempts; see the table
+# that test_fault_matrix.py prints.
 MAX_ATTEMPTS = 3
 # Hash in a set whose pixels are not hashed yet; such a set cannot be saved.
 _NO_HASH = ""
@@ -56,7 +56,7 @@ def capture_set(
 ) -> CapturedSet:
     """Capture one set: an ambient image, and a light image under each LED.
 
-    A frame counts only if its exposure began after the controller's acknowledge and the settle
+    A frame counts only if its exposure began after the controller's acknowledgement and the settle
     time. After each frame the controller is asked whether the LED is still on. The light images
     are then checked, see `light_checks`. A failed attempt is repeated with a new link to the
     controller; the error of the last attempt is raised, or the first one if no link can be opened.
@@ -77,12 +77,13 @@ def capture_set(
     is_target
         The part is a calibration target: no image is rejected for its brightness or shading.
     part
-        Part that the sensor saw, from `wait_for_part`, with `average` 1. Only one attempt is made,
-        because another part may be there at a second one. A retake shows whether the part moved.
+        Part that the sensor has detected, from `wait_for_part`, with `average` 1. Only one attempt
+        is made, because at a second one another part may be there. A retake shows whether the part
+        moved.
     exposed
         Called with the set of each attempt before its checks, to start work on its images; it must
         return at once. This set has no checks and no hash. The returned set has the same arrays,
-        and the same metadata but for corrected intensities.
+        and the same metadata except corrected intensities.
     least_level
         An LED that gives at least this share of the others' light, in a retake too, is accepted;
         the intensities of the set have its measured level. Without it a difference of 4 % is

@@ -19,13 +19,13 @@ from rig.signals import signals_held_back
 from .fresh_frames import RepeatDetector, check_frame
 
 # Ratios of each exposure to the next shorter one. The first steps are small, because the highest
-# levels tell most about the curve. The range is 1 to 63, so that a camera of gamma 2.2 also shows
+# levels constrain the curve most. The range is 1 to 63, so that a camera of gamma 2.2 also shows
 # the lower seventh of its values.
 _RATIOS = (*[1.12] * 6, *[1.25] * 5, *[1.6] * 5)
 # Divisor of the exposure while more than half of the frame is saturated.
 _EXPOSURE_DIVISOR = 1.4
 _MAX_SATURATED_SHARE = 0.5
-# Hot pixels are those beyond the noise of one frame, which 16 frames average away.
+# Hot pixels deviate by more than the noise of one frame, which the mean of 16 frames suppresses.
 _DARK_FRAMES = 16
 # Frames at each exposure. Their differences show the noise, with three degrees of freedom.
 _LADDER_FRAMES = 4

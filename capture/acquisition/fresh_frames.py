@@ -30,8 +30,9 @@ def check_frame(frame: Frame, info: CameraInfo, now_s: float) -> None:
 
 
 class RepeatDetector:
-    """Detects frames that repeat the previous one, not those that come a third time, as from a
-    camera without noise.
+    """Detects frames that repeat the previous one.
+
+    A frame that comes a third time is accepted: a camera without noise sees a static scene.
     """
 
     def __init__(self) -> None:
@@ -51,7 +52,7 @@ class RepeatDetector:
 
 
 def _sample(frame: Frame) -> bytes:
-    """Pixels spread over the frame; empty for a uniform one: dark frames may be equal."""
+    """Pixels spread over the frame; empty for a uniform frame, because dark frames may be equal."""
     pixels = frame.pixels.reshape(-1)
     sample = pixels[:: max(1, pixels.size // _SAMPLED_PX)]
     return sample.tobytes() if int(sample.max()) - int(sample.min()) > 1 else b""
@@ -66,8 +67,9 @@ _PERIOD_ERROR = 0.01
 
 
 class ExposureTimeline:
-    """Exposure starts of the frames so far, a period apart at least: earlier stamps predict the
-    next, later ones disprove one that was too late.
+    """Exposure starts of the received frames, which are at least a frame period apart.
+
+    Earlier time stamps predict the next start; later ones show that a stamp was too late.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -106,8 +108,10 @@ class ExposureTimeline:
     def next_start_s(
         self, not_before_s: float, start_uncertainty_s: float, max_frames: int
     ) -> float | None:
-        """Latest start of the first frame exposed after `not_before_s`; None without frames, beyond
-        `max_frames`, or if `start_uncertainty_s` leaves two possible.
+        """Latest start of the first frame exposed after `not_before_s`.
+
+        None without frames, if it is more than `max_frames` ahead, or if `start_uncertainty_s`
+        leaves two frames possible.
         """
         if self._last_start_s is None:
             return None
@@ -121,7 +125,7 @@ class ExposureTimeline:
         return start_s + error_s
 
 
-# Time to wait for a frame beyond what frame rate and queue explain. It is shorter than that of
+# Time to wait for a frame beyond that by frame rate and queue. It is shorter than that of
 # `rig.fresh_frame`, because a set has several attempts.
 SET_SPARE_S = 0.5
 
@@ -142,8 +146,9 @@ class FrameHistory:
 
 
 class FreshFrames:
-    """Frames exposed under the light of one switch; `counts` are those received by kind, `lost`
-    gaps of their numbers.
+    """Frames exposed under the light of one switch.
+
+    `counts` has the number of received frames by kind, `lost` the gaps in their sequence numbers.
     """
 
     def __init__(self, rig: Rig, light: int | None, switch: Switch, history: FrameHistory) -> None:
@@ -160,11 +165,11 @@ class FreshFrames:
     def take(self) -> Frame:
         return self._accepted(self._next())
 
-    def take_exposed_by(self, by_s: float) -> Frame | None:
-        """Return the next fresh frame, or None if its exposure may have ended after `by_s`."""
+    def take_exposed_by(self, deadline_s: float) -> Frame | None:
+        """Return the next fresh frame; None if its exposure may have ended after the deadline."""
         frame = self._next()
         end_s = self._end_s(self._history.timeline.last_start_s)
-        return self._accepted(frame) if end_s is not None and end_s <= by_s else None
+        return self._accepted(frame) if end_s is not None and end_s <= deadline_s else None
 
     def next_end_s(self) -> float | None:
         """Predicted end of the next fresh exposure, last row included; None if unknown."""

@@ -102,8 +102,8 @@ class ArrivedPart:
 # Largest distance of a frame's time stamp from the controller's edge, on top of the configured
 # uncertainty of the stamps: an optocoupler and an interrupt delay the strobe by far less.
 _TOLERANCE_S = 1e-3
-# The same in frame periods. Together with the uncertainty between the clocks, which may be as
-# large, it stays below one half: no frame is confused with its neighbour.
+# Limit of that distance in frame periods. The uncertainty between the clocks may be as large; the
+# sum stays below one half, so that no frame is confused with its neighbour.
 _TOLERANCE_PERIODS = 0.2
 # Tolerance of the strobe's pulse against the exposure that the camera reports, which it rounds.
 _PULSE_TOLERANCE = 0.02
@@ -113,8 +113,8 @@ _POLL_S = 0.001
 
 
 def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) -> list[SetImage]:
-    """Capture ambient and light images, mean of `average` sequences, the first perhaps already
-    started by a sensor for `part`.
+    """Capture ambient and light images as means of `average` sequences; that of `part` is running
+    already.
     """
     plan = rig.config.sequence_plan
     if plan is None:
@@ -167,8 +167,8 @@ def _run(
         if plan.triggers and len(frames.received) == frame_count:
             rig.clock.sleep_s(_POLL_S)  # the last step lasts longer than its frame
         elif not frames.take():
-            sequence.is_running()
-            break  # the report may name the cause
+            sequence.is_running()  # updates the report, which may name the cause
+            break
     report = sequence.report()
     exposures_s, tolerance_s = _exposures_s(rig, plan, report), _tolerance_s(rig, report)
     last_s = exposures_s[-1] - tolerance_s
@@ -180,10 +180,10 @@ def _run(
         for begun_s, name in zip(exposures_s, names, strict=True)
     ]
     for (before, after), name in zip(pairwise(exposed), names[1:], strict=True):
-        passed = after.sequence - before.sequence
-        if passed != plan.frames_per_step:
+        frame_steps = after.sequence - before.sequence
+        if frame_steps != plan.frames_per_step:
             raise SetRejected(
-                f"set rejected: {passed} frames from the previous light to {name} instead of "
+                f"set rejected: {frame_steps} frames from the previous light to {name} instead of "
                 f"{plan.frames_per_step}: a frame was lost, or the strobe line is noisy; check "
                 "both cables"
             )
@@ -221,8 +221,8 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
             "cables of strobe and trigger"
         )
     without_strobe = plan.triggers and all(step.exposures == 0 for step in report.steps)
-    least_us = 1e6 * rig.camera.info.exposure_s * (1.0 - _PULSE_TOLERANCE) - _PULSE_TOLERANCE_US
-    most_us = 1e6 * plan.exposed_s * (1.0 + _PULSE_TOLERANCE) + _PULSE_TOLERANCE_US
+    min_us = 1e6 * rig.camera.info.exposure_s * (1.0 - _PULSE_TOLERANCE) - _PULSE_TOLERANCE_US
+    max_us = 1e6 * plan.exposed_s * (1.0 + _PULSE_TOLERANCE) + _PULSE_TOLERANCE_US
     changes_us = [*(step.lit_us for step in report.steps[1:]), report.ended_us]
     begun_s: list[float] = []
     for step, changed_us in zip(report.steps, changes_us, strict=True):
@@ -236,7 +236,7 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
                 f"set rejected: no complete exposure under {name} on the strobe line; check the "
                 "camera's strobe output and its cable"
             )
-        if not least_us <= ended_us - begun_us <= most_us:
+        if not min_us <= ended_us - begun_us <= max_us:
             raise SetRejected(
                 f"set rejected: under {name} the strobe was on for {ended_us - begun_us} us "
                 f"instead of {1e6 * rig.camera.info.exposure_s:.0f} us; set the strobe to follow "
@@ -265,8 +265,9 @@ _SENSOR_POLL_S = 0.005
 def wait_for_part(
     rig: Rig, delay_s: float, is_stopping: Callable[[], bool] = lambda: False
 ) -> ArrivedPart | None:
-    """Wait until the controller begins the set of a part, `delay_s` after the sensor's edge, for
-    `capture_set`; None if `is_stopping` (polled).
+    """Wait until the controller begins the set of a part, `delay_s` after the edge of the sensor.
+
+    Return the part for `capture_set`, or None once `is_stopping`, which is polled, is true.
     """
     plan = rig.config.sequence_plan
     if plan is None:
@@ -277,7 +278,7 @@ def wait_for_part(
     try:
         return _arrived_part(rig, plan, is_stopping, delay_s)
     except BaseException:
-        # The controller would still wait for the part, and light it with nobody looking.
+        # Otherwise the controller would wait on, and run the sequence without a receiver.
         with suppress(HardwareError):
             rig.lights.put_out()
         raise
@@ -302,7 +303,7 @@ def _arrived_part(
         try:
             frames.take()
         except SetRejected:
-            # A fault before the part. If the set has begun already, its first frame is missing.
+            # A fault before the part came. If its set has begun, the first frame will be missing.
             frames.received.clear()
         del frames.received[:-set_frames]
     if not sequence.has_begun:

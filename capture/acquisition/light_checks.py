@@ -1,7 +1,7 @@
 """Reject light images that are saturated, dark, or under another light.
 
-The redundancy of four light images of a matt surface shows faults. Where it cannot, the images are
-compared with a retake in the opposite order, in which a passing fault has other effects.
+The redundancy of four light images of a matt surface shows faults. If it cannot decide, the images
+are compared with a retake in the opposite order, in which a transient fault has other effects.
 """
 
 from collections.abc import Callable
@@ -19,10 +19,11 @@ from classify.lights.agreement import LightAgreement, image_difference
 from classify.lights.order import light_order
 from rig import acceptance
 
-# Correlation of the ambient image with an LED's shading from which the LED is named as the one
-# that stays on; test_fault_matrix.py has LEDs stuck on at a third of their level.
+# Least correlation of the ambient image with the shading of an LED that is reported to stay on;
+# test_fault_matrix.py has LEDs stuck on at a third of their level.
 _STAYS_ON_CORRELATION = 0.3
-_SHADED_PX = 128  # rows or columns that are compared: a share of 2 % is found in 128 x 128 px
+# Least number of compared rows and columns: 128 x 128 px show a share of 2 %.
+_SHADED_PX = 128
 
 
 def check_set(
@@ -31,16 +32,17 @@ def check_set(
     retake: Callable[[], Array],
     least_level: float | None = None,
 ) -> ChecksRecord:
-    """Check a set's images, and by one `retake` what is undecided, such as an LED of at least
-    `least_level` of the others.
+    """Check the images of a set, and compare them with one `retake` if something is undecided.
+
+    An LED that gives at least `least_level` of the others' light is undecided, not rejected.
     """
     calibrated = images.calibrated(calibration)
     _check_different(images)
     ambient_change = _check_ambient(images)
     check_images(images)
     agreement = calibrated.agreement()
-    weak = _weak_leds(agreement, calibrated, least_level)
-    undecided = (*weak, *_retake_reasons(agreement))
+    weak_leds = _weak_leds(agreement, calibrated, least_level)
+    undecided = (*weak_leds, *_retake_reasons(agreement))
     if undecided:
         _check_retake(images, retake())
         if agreement is None or agreement.levels is None:
@@ -90,7 +92,7 @@ def check_images(images: LightImages) -> None:
 
 
 def _check_ambient(images: LightImages) -> float | None:
-    """Difference of the ambient images as a share of the brightest light's signal; None of one."""
+    """Difference of two ambient images as a share of the brightest signal; None for one image."""
     if images.later_ambient is None:
         return None
     signal = max(1.0, float(images.signals.max()))
@@ -106,13 +108,14 @@ def _check_ambient(images: LightImages) -> float | None:
 
 
 def check_target(images: LightImages) -> ChecksRecord:
-    """Check images of a calibration target only for faults that no target causes: lights may be
-    unequal and near, a sphere dark, a sheet without shading.
+    """Check images of a calibration target for faults that no target causes.
+
+    Lights may be unequal and near, a sphere may be dark, and a sheet has no shading.
     """
     _check_different(images)
-    bright = float(images.signals.max()) >= acceptance.MIN_SIGNAL_SHARE * images.full_scale
+    is_bright = float(images.signals.max()) >= acceptance.MIN_SIGNAL_SHARE * images.full_scale
     return ChecksRecord(
-        ambient_change=_check_ambient(images) if bright else None,
+        ambient_change=_check_ambient(images) if is_bright else None,
         redundancy_residual=None,
         light_levels=None,
         light_levels_error=None,
@@ -216,20 +219,20 @@ def _weak_leds(
     if agreement is None or agreement.levels is None:
         return ()
     limit = _level_limit(agreement.level_error)
-    unequal = {
+    unequal_levels = {
         light: level for light, level in enumerate(agreement.levels) if abs(level - 1.0) > limit
     }
-    if not unequal:
+    if not unequal_levels:
         return ()
-    off = share_while_off(images.images, images.ambient)
+    shares_while_off = share_while_off(images.images, images.ambient)
     causes = tuple(
         f"{images.names[light]} gives {level:.0%} of the others' light"
-        + ", and some of it with all LEDs off: it stays on" * bool(off[light] > 0.0)
-        for light, level in unequal.items()
+        + ", and some of it with all LEDs off: it stays on" * bool(shares_while_off[light] > 0.0)
+        for light, level in unequal_levels.items()
     )
     is_known = agreement.level_error <= acceptance.MAX_LED_LEVEL_ERROR
     in_range = least_level is not None and all(
-        least_level <= level <= 1.0 / least_level for level in unequal.values()
+        least_level <= level <= 1.0 / least_level for level in unequal_levels.values()
     )
     if in_range and is_known:
         return causes
@@ -243,8 +246,9 @@ def _weak_leds(
 
 
 def share_while_off(images: npt.NDArray[np.uint16], ambient: npt.NDArray[np.uint16]) -> Floats:
-    """Return the share of each LED's light in the ambient image by shading, which light from its
-    side has too.
+    """Return the share of each LED's light in the ambient image, estimated from the shading.
+
+    Other light from the side of an LED has the same shading.
     """
     step = max(1, min(ambient.shape) // _SHADED_PX)
     dark = ambient[::step, ::step].astype(np.float64)

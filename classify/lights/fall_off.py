@@ -1,9 +1,9 @@
 """Fall-off of each light over a planar part, from image ratios.
 
-On a flat part, image k is l_z,k F_k times what all images have in common, with F_k the strength of
+On a flat part, image k is l_z,k F_k times a factor common to all images, with F_k the strength of
 the light. Near lights fall off smoothly, so that log F_k is a polynomial of low degree. Relief
 raises the ratio of an image to the mean of all as much as it lowers it: the mean ratio of a planar
-part does not depend on its relief. A tilt or bow of the part does change it and is taken for
+part does not depend on its relief. A tilt or bow of the part changes it, and is mistaken for
 fall-off.
 """
 
@@ -34,25 +34,26 @@ from .flat_field import (
     solved,
 )
 
-# Along each side of the frame. Means of blocks are fitted: relief finer than a block averages out.
-# classify/DECISIONS.md compares 64 samples.
+# Samples and blocks along each side of the frame. The means of blocks are fitted, so that relief
+# finer than a block averages out. classify/DECISIONS.md compares 64 samples.
 _SAMPLES, _BLOCKS = 128, 16
-# Steps. Distances of 144 matches then differ from those of the converged fit by 1.0 % rms under
-# distant lights and by 0.3 % under lights at three fields of view, after three by 1.9 and 3.6 %.
+# Number of steps of the fit. After four, distances of 144 matches differ from those of the
+# converged fit by 1.0 % rms under distant lights and by 0.3 % under lights at three fields of view;
+# after three, by 1.9 and 3.6 %.
 _ROUNDS = 4
 # Largest factor of an extrapolated step.
 _MAX_EXTRAPOLATION = 4.0
 _DEGREE, _HIGHER_DEGREE = 2, 4
 _TERMS = _HIGHER_DEGREE + 1
-# The higher degree is taken where its error of prediction is below the first share of the lower
-# one's, and at least the second share of the smooth ratio cannot be relief. classify/DECISIONS.md
-# has both figures for photographs and materials.
-_CLEARLY_BETTER, _NO_RELIEF = 0.5, 0.05
+# The higher degree is used if its error of prediction is below `_CLEARLY_BETTER` times that of the
+# lower one, and if at least `_MIN_REDUNDANT_SHARE` of the smooth ratio cannot be relief.
+# classify/DECISIONS.md has both figures for photographs and materials.
+_CLEARLY_BETTER, _MIN_REDUNDANT_SHARE = 0.5, 0.05
 # A pixel darker than this share of the bright ones does not count: its ratio is that of noise to
 # noise (tests/classify/lights/test_fall_off.py, a part beside a black board).
 _DARK, _BRIGHT = 0.05, 0.95
-# With fewer blocks in light, an eighth of the frame, nothing is fitted. The polynomial of degree 2
-# has 6 terms, and some of the blocks lie in a line.
+# Least number of lit blocks for a fit: an eighth of the frame. The polynomial of degree 2 has 6
+# terms, and some of the blocks lie on a line.
 _MIN_BLOCKS = 32
 _TINY = 1e-30
 _BLOCK_SAMPLES, _FOLD_BLOCKS = _SAMPLES // _BLOCKS, _BLOCKS // FOLDS
@@ -73,7 +74,7 @@ def fall_off(
     usable = np.ones((_SAMPLES, _SAMPLES), np.bool_)
     if mask is not None:
         usable[:] = mask[grid.rows[:, None], grid.columns]
-    _read(
+    _read_samples(
         stack.images, stack.dark_rows, grid.rows, grid.columns,
         (flat.mean() / flat).astype(np.float32),
         np.float32(np.inf if full_scale is None else full_scale), values, usable,
@@ -88,8 +89,8 @@ def fall_off(
         prediction_error(grid.bases[degree], means, weights) for degree in (_DEGREE, _HIGHER_DEGREE)
     )
     if high < _CLEARLY_BETTER * low:
-        _find_means(*samples, np.zeros_like(coefficients), means, weights)
-        if _no_relief(lighting, means, weights):
+        _block_means(*samples, np.zeros_like(coefficients), means, weights)
+        if _excludes_relief(lighting, means, weights):
             basis, terms = grid.bases[_HIGHER_DEGREE], exponents(_HIGHER_DEGREE)
             _refine(*samples, basis, *terms, coefficients, means, weights)
     return FlatField(coefficients, _bounds(*samples[1:], coefficients))
@@ -123,11 +124,11 @@ class _Grid:
 
 
 @kernel
-def _read(
+def _read_samples(
     images: Array, ambient: Array, rows: Array, columns: Array, scales: Array,
     saturation: np.float32, values: Array, usable: Array,
 ) -> None:  # fmt: skip
-    """Write samples less the ambient image; those saturated or dark are not usable."""
+    """Write the samples minus the ambient image; saturated or dark samples are not usable."""
     lights, zero = len(images), np.float32(0.0)
     brightness, share = np.zeros(usable.shape, np.float32), np.float32(1.0 / lights)
     raw, dark = np.empty((2, len(columns)), np.float32)
@@ -136,20 +137,21 @@ def _read(
             dark[c] = ambient[min(rows[r], len(ambient) - 1), columns[c]]
             brightness[r, c] = zero if usable[r, c] else -np.float32(np.inf)
         for k in range(lights):
-            for c in range(len(columns)):  # a loop alone, because it cannot be vectorised
+            for c in range(len(columns)):  # a loop of its own, because it cannot be vectorised
                 raw[c] = images[k, rows[r], columns[c]]
             for c in range(len(columns)):
                 values[k, r, c] = (raw[c] - dark[c]) * scales[k]
                 brightness[r, c] += share * values[k, r, c]
                 usable[r, c] &= raw[c] < saturation
     brightness = np.maximum(brightness, zero)
-    usable &= brightness > np.float32(_DARK) * _ranked(brightness, _BRIGHT)
+    usable &= brightness > np.float32(_DARK) * _quantile(brightness, _BRIGHT)
 
 
 @kernel
-def _ranked(values: Array, share: float) -> np.float32:
-    """The value that exceeds a share of the finite ones, none negative, to 1 in 8192 (floats have
-    the order of their bits); else 0.
+def _quantile(values: Array, share: float) -> np.float32:
+    """Quantile of the finite values, of which none is negative, to 1 in 8192; 0 without any.
+
+    A radix selection by two histograms of the bits, which have the order of the floats.
     """
     bits, prefix, rank = values.reshape(-1).view(np.uint32), np.uint32(0), -1
     for shift, digits in ((20, 11), (10, 10)):
@@ -174,12 +176,14 @@ def _refine(
     values: Array, usable: Array, x: Array, y: Array, basis: Array, i: Array, j: Array,
     coefficients: Array, means: Array, weights: Array,
 ) -> None:  # fmt: skip
-    """Weighted least squares of the residuals until they vanish, each step made longer by the ratio
-    of the last two, because relief shortens all (Irons and Tuck 1969).
+    """Refine the coefficients by repeated weighted least squares of the residuals.
+
+    Relief makes all steps too short, so each is extrapolated by the ratio of the last two (Irons
+    and Tuck 1969).
     """
     factor, previous_step = 1.0, np.zeros((len(i), len(values)))
     for step_number in range(_ROUNDS):
-        _find_means(values, usable, x, y, coefficients, means, weights)
+        _block_means(values, usable, x, y, coefficients, means, weights)
         gram, right = normal_equations(basis, means, weights)
         step = solved(gram.sum(axis=0), right.sum(axis=0))
         if step_number > 0:
@@ -192,24 +196,24 @@ def _refine(
 
 
 @kernel
-def _find_means(
+def _block_means(
     values: Array, usable: Array, x: Array, y: Array, coefficients: Array, means: Array,
     weights: Array,
 ) -> None:  # fmt: skip
-    """Weighted means of ratio / strength - 1 in blocks, and the sums of Tukey's weights."""
+    """Write weighted means of ratio / strength - 1 in blocks, and the sums of Tukey's weights."""
     residuals, squares = np.empty_like(values), np.empty(usable.shape, np.float32)
-    _find_residuals(values, usable, _row_factors(coefficients, y), x, residuals, squares)
+    _residuals(values, usable, _row_factors(coefficients, y), x, residuals, squares)
     # The upper median.
-    limit = max(np.float32(TUKEY**2 / MEDIAN_SQUARE) * _ranked(squares, 0.5), np.float32(_TINY))
+    limit = max(np.float32(TUKEY**2 / MEDIAN_SQUARE) * _quantile(squares, 0.5), np.float32(_TINY))
     _sum_blocks(residuals, squares, limit, means, weights)
 
 
 @kernel
-def _find_residuals(
+def _residuals(
     values: Array, usable: Array, factors: Array, x: Array, residuals: Array, squares: Array
 ) -> None:
-    """Write value / mean of all lights - 1 by `factors` (N, n, 5) of each row and means `squares`
-    (n, n), infinite where not usable.
+    """Write the residuals, value / mean of all lights - 1, and the means over the lights of their
+    squares (n, n), infinite where not usable; `factors` (N, n, 5) are those of `_row_factors`.
     """
     lights, rows, columns = values.shape
     zero, one, share = np.float32(0.0), np.float32(1.0), np.float32(1.0 / lights)
@@ -257,24 +261,26 @@ def _sum_blocks(
     lights, _, columns = residuals.shape
     zero, inverse = np.float32(0.0), np.float32(1.0) / limit
     for block in range(_BLOCKS):
-        # Sums of columns, which vectorise without changing the order of additions.
-        lines = np.zeros((1 + lights, columns), np.float32)
+        # Sums over the rows of each column, which the compiler vectorises without a change of the
+        # order of additions.
+        column_sums = np.zeros((1 + lights, columns), np.float32)
         row_weights = np.empty(columns, np.float32)
         for r in range(block * _BLOCK_SAMPLES, (block + 1) * _BLOCK_SAMPLES):
             for c in range(columns):
                 weight = max(np.float32(1.0) - squares[r, c] * inverse, zero)
                 row_weights[c] = weight * weight
-                lines[0, c] += row_weights[c]
+                column_sums[0, c] += row_weights[c]
             for k in range(lights):
                 for c in range(columns):
-                    lines[1 + k, c] += residuals[k, r, c] * row_weights[c]
+                    column_sums[1 + k, c] += residuals[k, r, c] * row_weights[c]
         for b in range(_BLOCKS):
             fold = block // _FOLD_BLOCKS * FOLDS + b // _FOLD_BLOCKS
-            place = block % _FOLD_BLOCKS * _FOLD_BLOCKS + b % _FOLD_BLOCKS
-            here = lines[:, b * _BLOCK_SAMPLES : (b + 1) * _BLOCK_SAMPLES]
-            weights[fold, place] = here[0].sum()
+            position = block % _FOLD_BLOCKS * _FOLD_BLOCKS + b % _FOLD_BLOCKS
+            block_columns = column_sums[:, b * _BLOCK_SAMPLES : (b + 1) * _BLOCK_SAMPLES]
+            weights[fold, position] = block_columns[0].sum()
             for k in range(lights):
-                means[k, fold, place] = here[1 + k].sum() / max(weights[fold, place], _TINY)
+                total = block_columns[1 + k].sum()
+                means[k, fold, position] = total / max(weights[fold, position], _TINY)
 
 
 @kernel
@@ -300,11 +306,13 @@ def _positions(count: int) -> Indices:
     return np.concatenate([half, count - 1 - half[::-1]])
 
 
-def _no_relief(lighting: Lighting, means: Floats, weights: Floats) -> bool:
-    """Whether relief, which cancels in combinations of four lights, cannot explain residuals."""
+def _excludes_relief(lighting: Lighting, means: Floats, weights: Floats) -> bool:
+    """Whether relief cannot explain the residuals: it cancels in redundant combinations of four
+    lights.
+    """
     directions = lighting.directions / lighting.directions[:, 2:]
     cancelling = np.linalg.svd(directions.T)[2][3:]
     redundant = np.tensordot(cancelling, means, 1)
     redundant -= np.average(redundant, axis=(1, 2), weights=weights, keepdims=True)
     energy, total = (float((np.square(values) * weights).sum()) for values in (redundant, means))
-    return energy > _NO_RELIEF**2 * total
+    return energy > _MIN_REDUNDANT_SHARE**2 * total

@@ -17,19 +17,21 @@ from classify.lighting import Lighting
 # (tests/classify/calibration/test_flat_field.py).
 TERMS = 7
 _MAX_LOGARITHM = 80.0  # exp(88.7) overflows float32
-# Strengths are computed in three rows of each 64th of the longer side, as parabolas between them.
-# The error is up to 3e-6 where light falls off by half, a fraction of a step of 16 bits.
+# Strengths are computed in three rows of each of these intervals of the longer side, and by a
+# parabola between them. The error is up to 3e-6 where light falls off by half, a fraction of a
+# digit of 16 bits.
 _INTERVALS = 64
 
 
 @dataclass(frozen=True, eq=False)
 class FlatField:
-    """Strength of each light relative to one value for all, over coordinates in half of the longer
-    side from the middle of the frame, y up.
+    """Strength of each light over the frame, relative to one value for all lights.
+
+    Coordinates are from the middle of the frame, y up, in units of half of the longer side.
     """
 
     coefficients: Floats  # (N, T, T) of y^i x^j in the logarithm of the strength, T at most 7
-    bounds: Floats  # (N, 2) lowest and highest logarithm; values beyond are clipped
+    bounds: Floats  # (N, 2) lowest and highest logarithm, to which the polynomial is clipped
 
     def __post_init__(self) -> None:
         lights, *terms = self.coefficients.shape or (0,)
@@ -100,8 +102,9 @@ class FlatField:
         return self.times(np.exp(np.log(cosines).mean()) / cosines)
 
     def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
-        """Subtract the ambient image, divide by the light's strength, and add it again, in float32;
-        pixels that reach `full_scale` get `saturation`.
+        """Divide the images minus the ambient image by the strengths, and add it again, in float32.
+
+        Pixels that reach `full_scale` get `saturation`.
         """
         return DividedStack(stack.images, stack.ambient, self, full_scale).materialised()
 
@@ -177,28 +180,29 @@ def _multiply(
     # `bounds`. Pixels that reach `saturation` get the value `top`.
     lights, rows, columns = product.shape
     step = max(1, max(len(x), len(y)) // _INTERVALS)
-    up = np.float32(-2.0 / max(len(x), len(y)))  # y of a row less that of the row above
-    # Of the factor along a column: value, slope and curvature in units of the interval.
+    row_step_y = np.float32(-2.0 / max(len(x), len(y)))  # y of a row less that of the row above
+    # The factor along a column in an interval: its value, slope and curvature.
     parabola = np.empty((3, columns), np.float32)
     for k in range(lights):
         low, high = bounds[k]
-        least, most = exponential(low), exponential(high)
+        min_factor, max_factor = exponential(low), exponential(high)
         interval = -1
         for r in range(rows):
             if (first + r) // step != interval:
                 interval = (first + r) // step
                 for n in range(3):
-                    place = y[interval * step] + up * np.float32(0.5 * n * step)
-                    _exponentials(_row(coefficients[k], place), low, high, x, parabola[n])
+                    row_y = y[interval * step] + row_step_y * np.float32(0.5 * n * step)
+                    _exponentials(_row(coefficients[k], row_y), low, high, x, parabola[n])
                 for c in range(columns):
-                    begin, middle, end = parabola[0, c], parabola[1, c], parabola[2, c]
-                    bend = (begin - middle) + (end - middle)
-                    parabola[1, c], parabola[2, c] = end - begin - (bend + bend), bend + bend
+                    start, middle, end = parabola[0, c], parabola[1, c], parabola[2, c]
+                    curvature = (start - middle) + (end - middle)
+                    parabola[1, c] = end - start - (curvature + curvature)
+                    parabola[2, c] = curvature + curvature
             share = np.float32((first + r) % step / step)
             dark_row = dark[min(r, len(dark) - 1)]
             for c in range(columns):
                 factor = parabola[0, c] + share * (parabola[1, c] + share * parabola[2, c])
-                factor = min(max(factor, least), most)
+                factor = min(max(factor, min_factor), max_factor)
                 raw = np.float32(images[k, first + r, c])
                 value = dark_row[c] + (raw - dark_row[c]) * factor
                 product[k, r, c] = value if raw < saturation else top
@@ -209,7 +213,7 @@ def _multiply_at(
     pixels: Array, values: Array, dark: Array, coefficients: Array, bounds: Array, x: Array,
     y: Array, saturation: np.float32, top: np.float32,
 ) -> None:  # fmt: skip
-    """Multiply (N, n) values of the pixels with these flat indices in place, as `_multiply`."""
+    """As `_multiply`, for (N, n) values of the pixels with these flat indices, in place."""
     for k in range(len(values)):
         row, factors = -1, _row(coefficients[k], y[0])
         for n in range(len(pixels)):
@@ -316,17 +320,17 @@ def solved(gram: Array, right: Array) -> Array:
     root = np.empty((terms + lights, terms))
     for i in range(terms + lights):
         for j in range(min(i + 1, terms)):
-            rest = gram[i, j] + (ridge if i == j else 0.0) if i < terms else right[j, i - terms]
+            reduced = gram[i, j] + (ridge if i == j else 0.0) if i < terms else right[j, i - terms]
             for m in range(j):
-                rest -= root[i, m] * root[j, m]
-            root[i, j] = np.sqrt(rest) if i == j else rest / root[j, j]
+                reduced -= root[i, m] * root[j, m]
+            root[i, j] = np.sqrt(reduced) if i == j else reduced / root[j, j]
     solution = np.empty_like(right)
     for i in range(terms - 1, -1, -1):
         for k in range(lights):
-            rest = root[terms + k, i]
+            reduced = root[terms + k, i]
             for m in range(i + 1, terms):
-                rest -= root[m, i] * solution[m, k]
-            solution[i, k] = rest / root[i, i]
+                reduced -= root[m, i] * solution[m, k]
+            solution[i, k] = reduced / root[i, i]
     return solution
 
 

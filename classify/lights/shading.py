@@ -28,8 +28,8 @@ from classify.shadow_rule import MAYBE_SHADOW
 
 _Order = tuple[int, ...]
 
-# tests/evidence/photograph_rates.py holds the rates of wrong and of missed refutations
-# that the numbers of this file give.
+# tests/evidence/photograph_rates.py measures the rates of wrong and of missed refutations that the
+# constants of this file give.
 
 # Larger images are reduced so that their shorter side has at most twice this, to save time.
 _SIDE_PX = 512
@@ -43,22 +43,23 @@ _MIN_SAMPLES = 2000
 _MAYBE_NOISE = 0.1
 # Contrasts beyond this many standard deviations are gloss and edges of shadows; they are clipped.
 _OUTLIER = 3.0
-# An order refutes the given one if its residual is this many times smaller than the given order's
-# and than chance. With the true order, 63 picks of four lights from
-# photographs of four objects reach 1.9.
+# An order refutes the given one if its residual is this many times smaller than that of the given
+# order and than that of chance. With the true order, 63 choices of four lights from photographs of
+# four objects reach 1.9.
 _CLEARLY_LESS = 2.0
-# It also refutes it if its curl is smaller by the first factor, and below the second number, which
-# is less than chance. With the true order the same picks reach 1.12.
+# It also refutes it if its curl is `_CLEARLY_LESS_CURL` times smaller, and below `_LITTLE_CURL`,
+# which is less than chance. With the true order the same choices reach 1.12.
 _CLEARLY_LESS_CURL, _LITTLE_CURL = 1.25, 0.8
-# The order that refutes may be worse by this factor in the other of the two measures.
-_AS_GOOD = 1.1
-# Two lights of five or more are exchanged if that makes the residual of their images this many
-# times smaller, to at most this share of their contrast. The icon reaches 1.26 and 0.77.
-_EXCHANGED, _EXPLAINED = 1.5, 0.6
-# Only so many lights with the largest residuals are tried, as there are N^2 / 2 pairs.
+# Largest ratio of the other of the two measures to that of the given order.
+_MAX_OTHER_RATIO = 1.1
+# Two lights of five or more were exchanged if that makes the residual of their images
+# `_MIN_EXCHANGE_GAIN` times smaller, to at most `_MAX_EXCHANGED_RESIDUAL` of their contrast. With
+# the true order, the photographs `icon_rti72` reach 1.26 and 0.77.
+_MIN_EXCHANGE_GAIN, _MAX_EXCHANGED_RESIDUAL = 1.5, 0.6
+# Number of lights with the largest residuals of which pairs are tried, as there are N^2 / 2 pairs.
 _SUSPECTS = 16
-# An image has detail if its rms contrast is at least this (less is noise of the compression), and
-# its variance at least this many times that of white noise.
+# An image has detail if its rms contrast is at least `_MIN_DETAIL` (less is noise of the
+# compression), and its variance at least `_ABOVE_NOISE` times that of white noise.
 _MIN_DETAIL, _ABOVE_NOISE = 0.02, 4.0
 # From the second difference along rows and columns (Immerkaer, 1996) to the noise of a pixel.
 _NOISE_KERNEL = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0)) / 6.0
@@ -133,11 +134,12 @@ def shading_order(shading: _Shading, lighting: Lighting) -> ShadingOrder:
         for moments in zip(shading.shadings, shading.steps, strict=True)
     ])  # fmt: skip
     residual, curl = misfits[misfits[:, :, 0].min(axis=1).argmin()].T
-    as_good = (residual <= _AS_GOOD * residual[0]) & (curl <= _AS_GOOD * curl[0])
+    is_acceptable = residual <= _MAX_OTHER_RATIO * residual[0]
+    is_acceptable &= curl <= _MAX_OTHER_RATIO * curl[0]
     explains = residual < chance / _CLEARLY_LESS
     better = explains & (residual < residual[0] / _CLEARLY_LESS)
     better |= (curl < _LITTLE_CURL) & (curl < curl[0] / _CLEARLY_LESS_CURL)
-    better &= as_good
+    better &= is_acceptable
     if better.any():
         best = orders[int(np.where(better, residual * curl, np.inf).argmin())]
         return ShadingOrder("refuted", best)
@@ -163,23 +165,23 @@ def _contrasts(
         plane = np.asarray(image, np.float32)
         return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
 
-    left_out = images.max(axis=0) >= full_scale
+    excluded = images.max(axis=0) >= full_scale
     if mask is not None:
-        left_out |= ~mask
+        excluded |= ~mask
     values = np.stack([reduced(image) for image in images])
     if ambient is not None:
         values -= reduced(ambient)
     values /= np.maximum(values.mean(axis=(1, 2), keepdims=True), np.float32(1e-6))
     typical = np.median(values, axis=0)
-    usable = (typical > _MAYBE_NOISE * typical.mean()) & (reduced(left_out) == 0.0)
+    usable = (typical > _MAYBE_NOISE * typical.mean()) & (reduced(excluded) == 0.0)
     lit = usable & (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
     inside = usable.astype(np.float32)
     sigma = _SURROUNDINGS * min(size)
-    # The border is black without weight, so that the mean is over usable pixels.
+    # Pixels that are not usable, and the border, have no weight in the mean.
     weight = np.maximum(_blurred(inside, sigma), np.float32(1e-6))
     for value in values:
-        around = _blurred(value * inside, sigma) / weight
-        value /= np.maximum(around, np.float32(1e-6))
+        surroundings = _blurred(value * inside, sigma) / weight
+        value /= np.maximum(surroundings, np.float32(1e-6))
     return np.where(usable, values - 1.0, 0.0).astype(np.float32), usable, lit
 
 
@@ -194,8 +196,8 @@ def _halved(
     rows, columns = (side // 2 * 2 for side in usable.shape)
 
     def sums(planes: Array) -> FloatMap:
-        even = planes[..., :rows, :columns].astype(np.float32)
-        across = even[..., ::2] + even[..., 1::2]
+        whole_pairs = planes[..., :rows, :columns].astype(np.float32)
+        across = whole_pairs[..., ::2] + whole_pairs[..., 1::2]
         return np.asarray(across[..., ::2, :] + across[..., 1::2, :], np.float32)
 
     counts = sums(usable)
@@ -223,7 +225,7 @@ def _moments(values: FloatMap) -> Floats:
     if values.shape[1] == 0:
         return np.eye(len(values))
     limit = _OUTLIER * SIGMA_PER_MAD * np.median(np.abs(values), axis=1, keepdims=True)
-    # A median of 0 says nothing about the width: more than half of the values are equal.
+    # A median of 0 gives no limit: more than half of the values are equal.
     bounded = np.where(limit > 0.0, np.clip(values, -limit, limit), values)
     bounded = (bounded - bounded.mean(axis=1, keepdims=True)).astype(np.float64)
     return np.asarray(bounded @ bounded.T / values.shape[1], np.float64)
@@ -233,13 +235,14 @@ def _misfit(moments: Floats, steps: Floats, tangents: Floats) -> tuple[float, fl
     """Residual as a share of the shading, and curl over divergence."""
     centred = tangents - tangents.mean(axis=0)
     inverse = np.linalg.pinv(centred)
-    beyond = np.eye(len(tangents)) - centred @ inverse
+    residual_projection = np.eye(len(tangents)) - centred @ inverse
     to_p, to_q = -inverse
     curl, divergence = np.concatenate([-to_q, to_p]), np.concatenate([to_p, to_q])
     shaded = float(np.trace(moments))
-    if shaded < 1e-12:  # images without any contrast fit all lights alike
+    if shaded < 1e-12:  # images without any contrast fit all orders equally
         return 1.0, 1.0
-    residual = float((beyond * moments).sum()) / shaded  # the trace, as `beyond` is a projection
+    # The sum is the trace of the product, because the projection is symmetric.
+    residual = float((residual_projection * moments).sum()) / shaded
     ratio = float(curl @ steps @ curl) / max(float(divergence @ steps @ divergence), 1e-12)
     return math.sqrt(max(residual, 1e-12)), math.sqrt(max(ratio, 1e-12))
 
@@ -266,22 +269,23 @@ def _exchanged(shading: _Shading, tangents: Floats) -> _Order | None:
         return None
     centred = tangents - tangents.mean(axis=0)
     inverse = np.linalg.pinv(centred)
-    listed = [_light_residuals(moments, centred, inverse) for moments in shading.shadings]
+    light_residuals = [_light_residuals(moments, centred, inverse) for moments in shading.shadings]
     shares = sum(
-        values / np.diag(moments) for moments, values in zip(shading.shadings, listed, strict=True)
+        values / np.diag(moments)
+        for moments, values in zip(shading.shadings, light_residuals, strict=True)
     )
     suspects = sorted(np.argsort(shares)[-_SUSPECTS:].tolist())
-    best: tuple[float, _Order | None] = (_EXCHANGED, None)
+    best: tuple[float, _Order | None] = (_MIN_EXCHANGE_GAIN, None)
     for pair in itertools.combinations(suspects, 2):
         order = list(range(count))
         order[pair[0]], order[pair[1]] = pair[1], pair[0]
         logs = []
-        for moments, before in zip(shading.shadings, listed, strict=True):
+        for moments, before in zip(shading.shadings, light_residuals, strict=True):
             after = _light_residuals(moments, centred[order], inverse[:, order])
             sums = [values[list(pair)].sum() for values in (before, after, np.diag(moments))]
             logs.append(0.5 * np.log(np.maximum(sums, 1e-12)))
         before_log, after_log, own_log = np.mean(logs, axis=0)
-        if np.exp(after_log - own_log) < _EXPLAINED:
+        if np.exp(after_log - own_log) < _MAX_EXCHANGED_RESIDUAL:
             best = max(best, (float(np.exp(before_log - after_log)), tuple(order)))
     return best[1]
 

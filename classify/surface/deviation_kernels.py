@@ -6,26 +6,27 @@ from classify.base.compiling import Array, kernel, kernel_part
 from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT
 
 Numbers = tuple[np.float32, ...]
-# Constants of the lights, each those of `_add_light`: a tuple of eight or fewer, whose loops the
-# compiler unrolls and vectorises, or an array.
+# Constants of all lights, for each those that `_add_light` unpacks. Up to eight are a tuple, whose
+# loops the compiler unrolls and vectorises; more are an array.
 Lights = tuple[Numbers, ...] | Array
 # Ambient value, saturation, noise a, b, black, and `_pixel`.
 Scene = tuple[np.float32, np.float32, Numbers, Numbers]
 # Of all lights: M V M^T and M V nul; residuals; the darkest light. See `_add_light`.
 Sums = tuple[Numbers, Numbers, Numbers, Numbers]
 
-# A residual whose square exceeds this multiple of the mean square around it is an error of one
-# pixel: one normal residual in 370 does.
-OWN = np.float32(9.0)
-# A pixel value whose square is below this multiple of its variance does not tell the factor that
-# divided it.
-KNOWN = np.float32(4.0)
+# A residual is an error of one pixel if its square exceeds this multiple of the mean square around
+# it, as that of one normal residual in 370 does.
+PIXEL_OUTLIER = np.float32(9.0)
+# Least squared ratio of a pixel value to its noise from which the factor that divided it is
+# computed.
+MIN_SQUARED_SNR = np.float32(4.0)
 # Exponents of the lobes of gloss: 2^3 to 2^7.
 FIRST_POWER, POWERS = 3, 5
-# Radius of the window in which the steps around a repaired slope are averaged, and the largest.
+# Smallest and largest radius of the window in which the steps around a repaired slope are averaged.
 _STEPS_PX, _FARTHEST_PX = 2, 16
-# An error of two axes with the variances s and t <= s is within 1.96 (s + 0.56 t)^0.5 in 95 % of
-# the cases: exact for t = 0 and t = s, where 2.448 bounds a Rayleigh variable, 0.6 % off between.
+# An error with variances s and t <= s along two axes is within 1.96 (s + 0.56 t)^0.5 in 95 % of the
+# cases. That is exact for t = 0, and for t = s, where 2.448 is the quantile of the Rayleigh
+# distribution; in between it is wrong by up to 0.6 %.
 _SECOND_AXIS = np.float32(0.56)
 DEGREES = np.float32(180.0 / np.pi)
 
@@ -45,14 +46,14 @@ def propagate_errors(
     # those of slopes times `lobe_slope_factor`; `strengths` is None where there is no gloss.
     # `model_error` is a variance over squared brightness.
     shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
-    covariances, without = (
+    covariances, removal_columns = (
         (_six(unit_covariances[0]), _six(unit_covariances[1])),
         _four(corrections),
     )
     zero, one = np.float32(0.0), np.float32(1.0)
     number = np.float32(len(lights))
     shares = (one / number, one / max(number - np.float32(3.0), one))
-    frame = (number, np.float32(len(ambient) > 1), lights[0][0])
+    constants = (number, np.float32(len(ambient) > 1), lights[0][0])
     no_sums = (
         (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero),
         (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
@@ -69,13 +70,13 @@ def propagate_errors(
                 sums = _add_light(
                     np.float32(k), images[k, r, c], value, scene, _light(lights[k]), sums
                 )
-            if strengths is not None:  # a loop of its own: the compiler unrolls short ones only
+            if strengths is not None:  # a loop of its own, because only short loops are unrolled
                 factor = one if dropped[r, c] == NO_DROPPED_LIGHT else lobe_slope_factor
                 for k in range(len(lights)):
                     gloss = _add_gloss(pixel, factor, _light(lights[k]), strengths, gloss)
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
-                scene, sums, None if strengths is None else gloss, frame, shares, leaves_out,
-                covariances, without, np.float32(dropped[r, c]), model_error[r, c],
+                scene, sums, None if strengths is None else gloss, constants, shares, leaves_out,
+                covariances, removal_columns, np.float32(dropped[r, c]), model_error[r, c],
             )  # fmt: skip
 
 
@@ -129,15 +130,14 @@ def _add_light(
     gain, lx, ly, lz, mx, my, mz, nul, redundancy, _ = light
     (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
     energy, expected, total = residuals
-    high, second, low, lost = darkness
+    high, second, low, unused = darkness
     v = gain * (image - dark)
     if raw is None:
         pixel_value, ratio = image, gain
     else:
         pixel_value, undivided = raw, raw - dark
-        ratio = gain * (
-            (image - dark) / undivided if undivided * undivided > KNOWN * a else np.float32(1.0)
-        )
+        is_known = undivided * undivided > MIN_SQUARED_SNR * a
+        ratio = gain * ((image - dark) / undivided if is_known else np.float32(1.0))
     variance = ratio * ratio * (a + b * max(pixel_value - black, np.float32(0.0)))
     vx, vy, vz, vn = mx * variance, my * variance, mz * variance, nul * variance
     error = v - (lx * pixel[6] + ly * pixel[7] + lz * pixel[8])
@@ -146,7 +146,10 @@ def _add_light(
         (xx + vx * mx, xy + vx * my, xz + vx * mz, yy + vy * my, yz + vy * mz, zz + vz * mz),
         (dx + vn * mx, dy + vn * my, dz + vn * mz, d + vn * nul),
         (energy + error * error, expected + redundancy * variance, total + v),
-        (max(high, v), max(second, min(high, v)), min(low, level), index if level < low else lost),
+        (
+            max(high, v), max(second, min(high, v)),
+            min(low, level), index if level < low else unused,
+        ),
     )  # fmt: skip
 
 
@@ -180,8 +183,8 @@ def _add_gloss(
 
 @kernel_part
 def _deviations(
-    scene: Scene, sums: Sums, gloss: Numbers | None, frame: Numbers, shares: Numbers,
-    leaves_out: bool, covariances: tuple[Numbers, ...], without: tuple[Numbers, ...],
+    scene: Scene, sums: Sums, gloss: Numbers | None, constants: Numbers, shares: Numbers,
+    leaves_out: bool, covariances: tuple[Numbers, ...], removal_columns: tuple[Numbers, ...],
     dropped: np.float32, model_error: np.float32,
 ) -> Numbers:  # fmt: skip
     """Deviations of p, q, albedo and the normal."""
@@ -190,7 +193,7 @@ def _deviations(
     (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
     energy, expected, total = residuals
     high, second, low, darkest = darkness
-    number, has_ambient, gain = frame
+    number, has_ambient, gain = constants
     zero, half, one, none = (
         np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(NO_DROPPED_LIGHT),
     )  # fmt: skip
@@ -198,27 +201,28 @@ def _deviations(
     dark_variance = a + b * max(dark - black, zero)
     noise = DARK * gain * np.sqrt((has_ambient + one) * dark_variance)
     is_dark = low <= max(min(noise, half * high), LEAK * second)
-    is_found = (dropped == none) & is_dark & (leaves_out | (number == np.float32(4.0)))
-    lost = darkest if is_found else dropped
-    of_each, of_freedom = shares
-    mean = total * of_each
-    model, own = model_error * mean * mean, energy * of_freedom
-    is_own = (lost == none) & (own > OWN * (model + expected * of_freedom))
-    model += own if is_own else zero
+    is_shadowed = (dropped == none) & is_dark & (leaves_out | (number == np.float32(4.0)))
+    unused = darkest if is_shadowed else dropped
+    per_light, per_degree = shares
+    mean = total * per_light
+    model, pixel_error = model_error * mean * mean, energy * per_degree
+    usual = model + expected * per_degree
+    is_pixel_error = (unused == none) & (pixel_error > PIXEL_OUTLIER * usual)
+    model += pixel_error if is_pixel_error else zero
     # Covariance of b. Without light k the solution is M - L+[:, k] nul^T / nul_k; if k is in shadow
     # and used, its error is r / nul_k.
-    tx, ty, tz = _column(lost, without)
+    tx, ty, tz = _column(unused, removal_columns)
     left_out = np.float32(leaves_out)
     d = half * (left_out * (d + model) + (one - left_out) * energy)
     ex, ey, ez = d * tx - left_out * dx, d * ty - left_out * dy, d * tz - left_out * dz
-    alone, together = covariances
+    from_image, from_ambient = covariances
     dark_variance *= has_ambient
-    xx += alone[0] * model + together[0] * dark_variance + (ex * tx + ex * tx)
-    xy += alone[1] * model + together[1] * dark_variance + (ex * ty + ey * tx)
-    xz += alone[2] * model + together[2] * dark_variance + (ex * tz + ez * tx)
-    yy += alone[3] * model + together[3] * dark_variance + (ey * ty + ey * ty)
-    yz += alone[4] * model + together[4] * dark_variance + (ey * tz + ez * ty)
-    zz += alone[5] * model + together[5] * dark_variance + (ez * tz + ez * tz)
+    xx += from_image[0] * model + from_ambient[0] * dark_variance + (ex * tx + ex * tx)
+    xy += from_image[1] * model + from_ambient[1] * dark_variance + (ex * ty + ey * tx)
+    xz += from_image[2] * model + from_ambient[2] * dark_variance + (ex * tz + ez * tx)
+    yy += from_image[3] * model + from_ambient[3] * dark_variance + (ey * ty + ey * ty)
+    yz += from_image[4] * model + from_ambient[4] * dark_variance + (ey * tz + ez * ty)
+    zz += from_image[5] * model + from_ambient[5] * dark_variance + (ez * tz + ez * tz)
     # Derivatives of -b_z p, -b_z q and |b| / n_z by b'; each in its z component is p, q, 1.
     of_p, of_q, of_n = cx + p * cz, cy + q * cz, cz - cx * p - cy * q
     px, py, qx, qy = one + of_p * x, of_p * y, of_q * x, one + of_q * y
@@ -261,7 +265,7 @@ def _column(index: np.float32, columns: tuple[Numbers, ...]) -> Numbers:
 
 @kernel_part
 def _with_bias(bias: np.float32, deviation: np.float32) -> np.float32:
-    """Half width over 1.96 of the interval that holds 95 % of normal errors with a bias."""
+    """Half the width of the interval with 95 % of normal errors with a bias, divided by 1.96."""
     rest = np.float32(0.315) * deviation
     width = np.float32(1.645) * deviation + np.sqrt(bias * bias + rest * rest)
     return np.float32(width * np.float32(1.0 / 1.96))
@@ -272,8 +276,10 @@ def write_repaired(
     pixels: Array, p: Array, q: Array, albedo: Array, solved: Array,
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
-    """Write deviations at repaired indices: squared step around times one more than the distance
-    to a solved pixel, 1 beyond `_FARTHEST_PX`.
+    """Write the deviations of repaired pixels.
+
+    The variance is the mean squared step of slopes nearby times one more than the distance to a
+    solved pixel; it is 1 without a solved pixel within `_FARTHEST_PX`.
     """
     rows, columns = p.shape
     for pixel in pixels:

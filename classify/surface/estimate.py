@@ -19,7 +19,7 @@ from classify.lights.near_light import Shear, middle_px
 
 from .diagnostics import compare_with_prediction, find_darkest, fit_residual, highlight_limits
 
-# Pixels from which the limits of highlights are taken: they determine a median to 2 %.
+# Number of pixels from which the limits of highlights are estimated: it determines a median to 2 %.
 _SAMPLES = 4096
 _MIN_ALBEDO = np.float32(1e-9)
 
@@ -74,9 +74,9 @@ class SurfaceEstimate:
         bool, true where fewer than three lights were usable and the slope, with one light or none
         the albedo too, comes from the pixels around (ps4_robust only).
     p_sd, q_sd, albedo_sd, angle_sd
-        float32 standard deviations of p, q and albedo, and of the normal in degrees, of noise and
-        model errors at each pixel; 1.96 times each holds 95 % of the errors. Only with
-        ``uncertainty=True``. Errors of the calibration are not in them.
+        float32 standard deviations of p, q and albedo, and of the normal in degrees, by noise and
+        model errors at each pixel; 95 % of the errors are within 1.96 times them. Only with
+        ``uncertainty=True``. Errors of the calibration are not included.
     noise_given
         Whether the noise of the sensor was given, not estimated from the images.
     mask
@@ -329,7 +329,7 @@ class SurfaceEstimate:
 
 def inscribed_square(mask: BoolArray) -> tuple[slice, slice]:
     """Rows and columns of the largest square in which an (H, W) mask is true."""
-    # Steps to the nearest false pixel, also diagonal ones; beyond the border all are false.
+    # Chessboard distance to the nearest false pixel; all pixels beyond the border are false.
     steps = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_C, 3)[1:-1, 1:-1]
     reach = int(steps.max())
     # A square of an even side has four middle pixels.

@@ -22,8 +22,8 @@ from classify.shadow_rule import MAYBE_SHADOW, NO_DROPPED_LIGHT
 
 from .deviation_kernels import (
     FIRST_POWER,
-    KNOWN,
-    OWN,
+    MIN_SQUARED_SNR,
+    PIXEL_OUTLIER,
     POWERS,
     Lights,
     propagate_errors,
@@ -31,31 +31,33 @@ from .deviation_kernels import (
 )
 from .estimate import SurfaceEstimate
 
-# Pixels whose residuals give the model error, on a grid; it is blurred by this many grid steps, so
-# that about a hundred residuals count in each estimate.
+# Number of pixels on a grid whose residuals give the model error, and standard deviation in grid
+# steps of the Gaussian that averages them: about a hundred residuals count in each estimate.
 _SAMPLES = 8_192
 _BLUR_STEPS = 3.0
 # Relative standard error, sqrt(2 / n), of a variance from n = 4 pi _BLUR_STEPS**2 residuals: a
 # smaller excess can be chance.
 _VARIANCE_ERROR = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR_STEPS
-# Weight of the frame's mean in each local mean, for places without usable pixels nearby.
+# Weight of the mean of the frame in a local mean, for places without usable pixels nearby.
 _FRAME_WEIGHT = np.float32(1e-3)
 _TINY = np.float32(1e-30)
 # Gloss makes solved slopes too steep. Where a light was left out, no residual corrects them, and
 # the specular lobe is that of the solved slope times this factor (`tests.evidence.uncertainty`).
 _GLOSS_SLOPE_FACTOR = np.float32(0.55)
 _MAX_UNROLLED_LIGHTS = 8  # lights; loops over more take long to compile
-# Minimum significance of a lobe in standard deviations. With four lights, which have one residual,
-# lobes that explain at least this share of what the best explains count as equally likely (gloss in
-# classify/DECISIONS.md).
+# Least significance of a lobe in standard deviations. With four lights, which have one residual,
+# lobes count as equally likely if they explain at least `_AS_LIKELY` of what the best one explains
+# (gloss in classify/DECISIONS.md).
 _SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
 
 
 def with_deviations(
     surface: SurfaceEstimate, stack: ImageStack, undivided: ImageStack, noise: FloatMap
 ) -> SurfaceEstimate:
-    """Add standard deviations to a surface of `stack`, which was `undivided` before the flat field
-    or fall-off; `noise` is a, b, black of the noise variance a + b (value - black).
+    """Add standard deviations to a surface that was solved from `stack`.
+
+    `undivided` is the stack before the division by flat field or fall-off; `noise` is a, b and
+    black of the noise variance a + b (value - black) of its values.
     """
     lighting = surface.lighting
     assert lighting is not None
@@ -115,7 +117,7 @@ class _Solution:
         divided_shares = np.ones_like(raw)
         if self.undivided is not self.stack:
             undivided = ImageStack.values_at(self.undivided, pixels)
-            is_known = undivided * undivided > KNOWN * a
+            is_known = undivided * undivided > MIN_SQUARED_SNR * a
             np.divide(values, undivided, out=divided_shares, where=is_known)
         variances = np.square(gains * divided_shares) * (
             a + b * np.maximum(raw - black, np.float32(0.0))
@@ -128,11 +130,11 @@ def _constants(lighting: Lighting, gains: Floats) -> tuple[Lights, FloatMap, Flo
     the covariances of b from errors of variance 1: of each image, and of the ambient image.
     """
     count, inverse_distances = len(lighting), Shear.of(lighting).inverse_distances
-    directions = _significant(lighting.directions)
-    pinv = _significant(np.linalg.pinv(directions))
+    directions = _without_rounding_residues(lighting.directions)
+    pinv = _without_rounding_residues(np.linalg.pinv(directions))
     null, corrections = np.zeros(count), np.zeros((4, 3))
     if count == 4:
-        null = _significant(np.linalg.svd(directions.T)[2][3])
+        null = _without_rounding_residues(np.linalg.svd(directions.T)[2][3])
         corrections = pinv.T / null[:, None]
     redundancies = 1.0 - np.sum(directions * pinv.T, axis=1)  # 1 - leverage of each light
     columns = (gains, directions, pinv.T, null, redundancies, inverse_distances)
@@ -141,13 +143,13 @@ def _constants(lighting: Lighting, gains: Floats) -> tuple[Lights, FloatMap, Flo
         lights = tuple(tuple(light) for light in lights)
     upper, ambient_response = np.triu_indices(3), pinv @ gains
     unit_covariances = np.stack([
-        _significant(covariance)[upper]
+        _without_rounding_residues(covariance)[upper]
         for covariance in (pinv @ pinv.T, np.outer(ambient_response, ambient_response))
     ])  # fmt: skip
     return lights, corrections.astype(np.float32), unit_covariances.astype(np.float32)
 
 
-def _significant(values: Array) -> Floats:
+def _without_rounding_residues(values: Array) -> Floats:
     """Replace residues of rounding by 0: kernels are slow with subnormal products."""
     return np.where(np.abs(values) < 1e-9 * np.abs(values).max(), 0.0, values)
 
@@ -194,7 +196,7 @@ def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
     excess = np.square(residuals - remainder @ lobe).sum(axis=0) - expected
     # Larger residuals, as at an edge, count in their own pixel only: see `propagate_errors`.
     usual = max(float(np.median(excess[lit])), 0.0) if lit.any() else 0.0
-    excess = np.minimum(excess, OWN * (expected + usual))
+    excess = np.minimum(excess, PIXEL_OUTLIER * (expected + usual))
     brightness = values.mean(axis=0)
 
     def local_mean(quantity: FloatMap) -> FloatMap:
@@ -230,8 +232,8 @@ def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
     gains = np.maximum(products, 0.0) ** 2 / np.maximum(squares, _TINY)
     strengths = np.zeros(POWERS)
     if gains.max() > _SIGNIFICANT**2:
-        least = _AS_LIKELY if shapes.shape[1] == 4 else 1.0
-        likely = np.flatnonzero(gains >= least * gains.max())
+        min_share = _AS_LIKELY if shapes.shape[1] == 4 else 1.0
+        likely = np.flatnonzero(gains >= min_share * gains.max())
         # The sharper half and the middle one: broad lobes look like matt shading.
         chosen = likely[(len(likely) - 1) // 2 :]
         strengths[chosen] = products[chosen] / squares[chosen] / len(chosen)
