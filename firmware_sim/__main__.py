@@ -20,9 +20,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     clock = RealClock()
     # sigwait would return signals that the parent process ignores, such as SIGHUP under nohup.
-    ending = [number for number in _END_SIGNALS if signal.getsignal(number) != signal.SIG_IGN]
+    end_signals = [s for s in _END_SIGNALS if signal.getsignal(s) != signal.SIG_IGN]
     # The signals are blocked before the server's thread starts, so that only sigwait takes them.
-    signal.pthread_sigmask(signal.SIG_BLOCK, ending)
+    signal.pthread_sigmask(signal.SIG_BLOCK, end_signals)
     try:
         board = SimulatedBoard(
             clock,
@@ -41,7 +41,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _fail(f"cannot serve at {where}: {error.strerror or error}")
     with server:
         print(f"simulated LED controller {board.serial_number}: {address}", flush=True)
-        signal.sigwait(ending)
+        signal.sigwait(end_signals)
     return 0
 
 

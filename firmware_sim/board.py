@@ -10,8 +10,9 @@ from typing import Protocol
 from .clock import Clock
 from .firmware import STROBE_BUFFER_EDGES
 
-# The history reaches back to the oldest frame in a camera's buffers. A set switches an LED twice:
-# 8192 switches cover 4,000 sets without a read frame, and take 1.3 MB for each LED.
+# Number of switches in the history, which must reach back to the oldest frame in a camera's
+# buffers. A set switches an LED twice: the history covers 4,000 sets without a read frame, and
+# takes 1.3 MB for each LED.
 _HISTORY_EVENTS = 8192
 _TAU_PER_10_90 = 1.0 / math.log(9.0)  # an exponential goes from 10 % to 90 % in tau * ln 9
 
@@ -65,11 +66,11 @@ class Led:
 
     def drive(self, percent: int, at_s: float) -> None:
         """Set the level, 0 to 100, from a time on; times must not decrease."""
-        before = self._history[-1]
+        current = self._history[-1]
         target = percent / 100.0
-        if target == before.target:
+        if target == current.target:
             return  # the current approach continues
-        start = before.output(at_s)
+        start = current.output(at_s)
         tau_s = self._rise_tau_s if target > start else self._fall_tau_s
         self._history.append(_Segment(at_s, start, target, tau_s))
 
@@ -78,7 +79,7 @@ class Led:
         for segment in reversed(self._history):
             if segment.since_s <= at_s:
                 return segment.output(at_s)
-        raise self._forgotten(at_s)
+        raise self._too_early(at_s)
 
     def output_integral_s(self, start_s: float, end_s: float) -> float:
         """Return the integral of the output in seconds of full output; errors as `output`."""
@@ -90,14 +91,14 @@ class Led:
                 end_s = begin_s
             if segment.since_s <= start_s:
                 return total_s
-        raise self._forgotten(start_s)
+        raise self._too_early(start_s)
 
-    def _forgotten(self, at_s: float) -> ValueError:
+    def _too_early(self, at_s: float) -> ValueError:
         first_s = self._history[0].since_s
         return ValueError(f"the LED's history starts at {first_s:.6f} s, after {at_s:.6f} s")
 
 
-_OUTPUT_BYTES = 4096  # kept for a host that does not read; about 100 replies
+_OUTPUT_BYTES = 4096  # buffer for a host that does not read; about 100 replies
 _CLOCK_ROUNDING_S = 1e-6  # of the clock's nanoseconds to the firmware's microseconds
 
 
@@ -131,8 +132,9 @@ class Board(Protocol):
         """Largest share of the time that an LED may be on in the long run, 1 to 99 percent."""
 
     def strobe_edges(self) -> list[tuple[int, bool]]:
-        """Edges of the strobe since the last call, `micros` and whether the camera exposes then,
-        `firmware.STROBE_BUFFER_EDGES` at most.
+        """Edges of the strobe since the last call: `micros`, and whether an exposure begins.
+
+        There are `firmware.STROBE_BUFFER_EDGES` at most.
         """
 
     def part_edges(self) -> list[int]:
@@ -143,8 +145,10 @@ class Board(Protocol):
 
 
 class SimulatedBoard:
-    """A thread-safe board with LEDs that rise and fall; limits of LEDs, by default for 1024 frames
-    at 9 per second, are the firmware's.
+    """A thread-safe board with LEDs that rise and fall.
+
+    The firmware enforces the limits of the LEDs, which by default permit 1024 frames at 9 per
+    second.
     """
 
     def __init__(

@@ -101,8 +101,9 @@ class RealClock:
 
 
 class VirtualClock:
-    """A clock that passes only in sleeps, which return at once, in steps of 1 ms at most, so that a
-    watchdog runs at its time; threads share it.
+    """A clock on which time passes only in sleeps, which return at once. Threads share it.
+
+    Time passes in steps of 1 ms at most, so that a watchdog runs at its time.
     """
 
     def __init__(self, start_s: float = 0.0) -> None:
@@ -155,7 +156,8 @@ class VirtualClock:
                 for tick in self._callbacks:
                     tick()
             else:
-                # Added in the past or by a call at the current time: the time stays.
+                # A call may have been added for a time in the past, to which the clock must not
+                # return.
                 self._now_ns = max(self._now_ns, call_ns)
                 while (call := self._agenda.take(self._now_ns)) is not None:
                     call()

@@ -12,8 +12,8 @@ from .board import Led, LedLight, SimulatedBoard
 from .clock import Clock
 from .controller import SimulatedController
 
-# Parts of a flicker period over which the light counts as steady; at 16 the integral over a whole
-# period is exact to rounding, since a sine sampled evenly sums to zero.
+# Number of pieces of a flicker period over which the light counts as steady. The integral over a
+# whole period is exact to rounding, because evenly spaced samples of a sine sum to zero.
 _PIECES_PER_PERIOD = 16
 
 
@@ -126,8 +126,8 @@ class LedFault(_FaultModel):
             missing = random.Random(f"{rng_key} {slot}").random()
         return 1.0 - self.share * missing
 
-    def least(self, at_s: float) -> float:
-        """The smallest light that the LED gives at a time."""
+    def floor(self, at_s: float) -> float:
+        """The light that the LED gives at a time even while it is switched off."""
         stuck = self.kind == "stuck_on" and self.from_s <= at_s < self.until_s
         return self.share if stuck else 0.0
 
@@ -145,23 +145,23 @@ class _FaultyLed:
         self._led.drive(percent, at_s)
 
     def output(self, at_s: float) -> float:
-        gain, least = self._at(at_s)
-        return max(least, gain * self._led.output(at_s))
+        gain, floor = self._gain_and_floor(at_s)
+        return max(floor, gain * self._led.output(at_s))
 
     def output_integral_s(self, start_s: float, end_s: float) -> float:
         """The integral of the output, in pieces over which the faults count as constant."""
         total_s = 0.0
         for begin_s, finish_s in self._pieces(start_s, end_s):
-            gain, least = self._at(0.5 * (begin_s + finish_s))
+            gain, floor = self._gain_and_floor(0.5 * (begin_s + finish_s))
             lit_s = gain * self._led.output_integral_s(begin_s, finish_s)
-            total_s += max(least * (finish_s - begin_s), lit_s)
+            total_s += max(floor * (finish_s - begin_s), lit_s)
         return total_s
 
-    def _at(self, at_s: float) -> tuple[float, float]:
+    def _gain_and_floor(self, at_s: float) -> tuple[float, float]:
         since_s = at_s - self._started_s
         keys = (f"{self._seed} {number}" for number in range(len(self._faults)))
         gains = [f.gain(since_s, key) for f, key in zip(self._faults, keys, strict=True)]
-        return math.prod(gains), max(fault.least(since_s) for fault in self._faults)
+        return math.prod(gains), max(fault.floor(since_s) for fault in self._faults)
 
     def _pieces(self, start_s: float, end_s: float) -> Iterator[tuple[float, float]]:
         cuts = {start_s, end_s}
@@ -176,7 +176,7 @@ class _FaultyLed:
 
 
 class _Cabled:
-    """The LED in one place, and the LED that its pin drives; swapped cables exchange them."""
+    """Pin and position of the same number: with swapped cables, the pin drives another LED."""
 
     def __init__(self, light: LedLight, driven: LedLight) -> None:
         self.drive = driven.drive
@@ -191,8 +191,8 @@ def faulty_leds(
     faults = tuple(faults)
     result: list[LedLight] = []
     for index, led in enumerate(leds):
-        own = [fault for fault in faults if fault.led == index and fault.kind != "swapped"]
-        result.append(_FaultyLed(led, own, seed + index, started_s) if own else led)
+        of_led = [fault for fault in faults if fault.led == index and fault.kind != "swapped"]
+        result.append(_FaultyLed(led, of_led, seed + index, started_s) if of_led else led)
     cabled = list(range(len(leds)))
     for fault in faults:
         if fault.other is not None:
@@ -218,7 +218,7 @@ class FaultyLine(SimulatedController):
         self._counts = [0] * len(faults)
         self._half_line = b""
         self._command = b""
-        self._held: dict[str, bytes] = {"to_controller": b"", "to_host": b""}
+        self._delayed: dict[str, bytes] = {"to_controller": b"", "to_host": b""}
         self._output = b""
 
     def connect(self) -> None:
@@ -243,7 +243,7 @@ class FaultyLine(SimulatedController):
             self._output += self._through("to_host", line)
 
     def _through(self, direction: str, line: bytes) -> bytes:
-        """Return a line as it arrives at the other end, after lines that were held back."""
+        """Return a line as it arrives at the other end, after lines that come late."""
         since_s = self.clock.now_s() - self._started_s
         late = False
         for index, fault in enumerate(self._faults):
@@ -261,11 +261,11 @@ class FaultyLine(SimulatedController):
                 late = True
             else:
                 line = _damaged(line, fault.kind, self._rng)
-        under_way, self._held[direction] = self._held[direction], b""
+        delayed, self._delayed[direction] = self._delayed[direction], b""
         if late:
-            self._held[direction] = under_way + line
+            self._delayed[direction] = delayed + line
             return b""
-        return under_way + line
+        return delayed + line
 
 
 def _damaged(line: bytes, kind: str, rng: random.Random) -> bytes:

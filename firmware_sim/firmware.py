@@ -101,8 +101,8 @@ class _Leds:
         self._updated_us[led] += 1000 * passed_ms
         duty_percent = self._board.max_duty_percent(led)
         gain_percent = duty_percent - 100 if led == self.selected else duty_percent
-        left = self._budgets[led] + passed_ms * gain_percent
-        self._budgets[led] = min(left, self._full(led))
+        budget = self._budgets[led] + passed_ms * gain_percent
+        self._budgets[led] = min(budget, self._full(led))
         return self._budgets[led]
 
     def _full(self, led: int) -> int:
@@ -147,6 +147,7 @@ class Sequence:
         self.running = True
         self._delay_us = delay_us
         self._due_us = -1  # of the first step, once the sensor has seen a part
+        # _edge_us: the latest edge of the strobe, or else the first light.
         self.started_us = self.ended_us = self._edge_us = board.micros()
         if delay_us == _AT_ONCE:
             self.started_us = self.ended_us = self._start_step()
@@ -217,11 +218,11 @@ class Firmware:
         self._leds = _Leds(board)
         self._errors: list[int] = []
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
-        self._fed_us = board.micros()
-        self._parts = 0  # seen by the part sensor since the reset
-        self._part_us = -1  # when it saw the latest
+        self._fed_us = board.micros()  # time of the command that fed the watchdog last
+        self._parts = 0  # number of parts that the sensor has seen since the reset
+        self._part_us = -1  # time of the latest
         self.stopped = False  # set when the host wants to flash the board
-        # header: (least and most number of parameters, handler)
+        # header: (smallest and largest number of parameters, handler)
         self._commands: dict[str, tuple[int, int, Callable[..., str]]] = {
             "*IDN?": (0, 0, self._identity),
             "*RST": (0, 0, self._reset),
@@ -335,8 +336,8 @@ class Firmware:
         header = text if blank < 0 else text[:blank]
         if header not in self._commands:
             raise _CommandError(_UNDEFINED_HEADER)
-        least, most, handler = self._commands[header]
-        return handler(*_numbers(text[len(header) :].strip(), least, most))
+        min_count, max_count, handler = self._commands[header]
+        return handler(*_parameters(text[len(header) :].strip(), min_count, max_count))
 
     def _error(self, code: int) -> str:
         self._queue(code)
@@ -358,7 +359,7 @@ class Firmware:
     def _reset(self) -> str:
         self._leds.levels_percent = [100] * self._board.led_count
         self._errors = []
-        # No steps: puts the LEDs out.
+        # A sequence without steps turns the LEDs off.
         self.sequence = Sequence(self._board, self._leds, False, _AT_ONCE, 0, 0)
         self._delay_us = _AT_ONCE  # of the next sequence
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
@@ -464,12 +465,12 @@ class Firmware:
         self._queue(code)
 
 
-def _numbers(text: str, least: int, most: int) -> list[int]:
+def _parameters(text: str, min_count: int, max_count: int) -> list[int]:
     """Parse decimal integers such as "2,50"; the only negative one is -1, for DARK."""
     words = [word.strip() for word in text.split(",")] if text else []
-    if len(words) > most:
+    if len(words) > max_count:
         raise _CommandError(_PARAMETER_NOT_ALLOWED)
-    if len(words) < least or "" in words:
+    if len(words) < min_count or "" in words:
         raise _CommandError(_MISSING_PARAMETER)
     for word in words:
         if word != "-1" and not word.isdigit():  # int() accepts signs, blanks and underscores

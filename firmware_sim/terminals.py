@@ -90,7 +90,7 @@ class PtyEndpoint(Endpoint):
 
 
 class TtyEndpoint(Endpoint):
-    """A serial device: this end of a null modem or a USB gadget, opened again when it is back."""
+    """A serial device: this end of a null modem or a USB gadget, which may be unplugged."""
 
     def __init__(self, path: Path, baud: int) -> None:
         self.address = str(path)
@@ -121,7 +121,7 @@ class TtyEndpoint(Endpoint):
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             fcntl.ioctl(fd, termios.TIOCEXCL)
-            # First, because a terminal that is not raw echoes bytes to the host.
+            # Before all else, because a terminal that is not raw echoes bytes to the host.
             tty.setraw(fd, termios.TCSANOW)
             settings = termios.tcgetattr(fd)
             # The control flags: ignore the other end's modem lines, and use no flow control.

@@ -20,7 +20,8 @@ import numpy as np
 
 from classify.base.arrays import BoolArray, Floats
 
-# Shares of light in a band whose exposure contains the step; beyond them noise dominates its time.
+# Limits of the share of light in a band whose exposure contains the step. Beyond them, noise
+# dominates the time of the step.
 _STEP_SHARES = (0.03, 0.97)
 # The fit starts from the best point of a grid over the first and the last band: range and step of D
 # in periods, number of values of R, tau of a common LED driver. The grid only has to lead to the
@@ -34,11 +35,13 @@ _GRID_TAU_S = 0.0003
 _LIMIT_PERIODS = 4.0
 # Time constants beyond those of any LED, so that the fit stays finite.
 _TAU_LIMITS_S = (1e-6, 0.1)
-# Residual from which a share has less weight (soft L1), several times the noise of a band: a frame
-# with a jittering stamp, or other light.
+# Residual from which a share has less weight (soft L1), several times the noise of a band. A frame
+# with a jittering stamp exceeds it, or one with other light.
 _SOFT_SHARE = 0.01
 # Scales of D and R in s, and of the logarithms of both time constants.
 _FIT_SCALES = (1e-3, 1e-3, 0.3, 0.3)
+# Index of R among the fitted values.
+_READOUT = 1
 _RISE_10_90 = math.log(9.0)
 
 
@@ -113,7 +116,8 @@ def fit_steps(steps: Steps) -> StepFit:
         offset_s += float(np.median(offsets))
         offsets = offsets - np.median(offsets)
     # The bands of one frame share the error of its stamp, so that they count as one.
-    readout_error_s = math.sqrt(len(steps.bands)) * _error_of(1, solution.jac, residual)
+    error_s = _standard_error(_READOUT, solution.jac, residual)
+    readout_error_s = math.sqrt(len(steps.bands)) * error_s
     return StepFit(
         start_s=offset_s + min(readout_s, 0.0),
         deviation_s=float(np.abs(offsets).max() + np.std(offsets)) if len(offsets) else 0.0,
@@ -163,7 +167,7 @@ def _frame_offsets(
     return np.array(differences)
 
 
-def _error_of(index: int, jacobian: Floats, residual: Floats) -> float:
+def _standard_error(index: int, jacobian: Floats, residual: Floats) -> float:
     """Standard error of one fitted value."""
     degrees = max(residual.size - jacobian.shape[1], 1)
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * float(np.sum(residual**2)) / degrees

@@ -26,7 +26,7 @@ _PULSE_MS = 1  # the timer ends the pulse after 1 to 2 ms
 _GLITCH_US = 20  # two edges closer than this are noise
 _BOUNCE_US = 20000  # a part sensor's contact bounces for up to 10 ms
 _READ_BYTES = 64  # at most in one pass: about one line
-_OUTPUT_BYTES = 1024  # kept for a host that does not read; about 25 replies
+_OUTPUT_BYTES = 1024  # buffer for a host that does not read; about 25 replies
 _USB_PACKET_BYTES = 64
 
 
@@ -90,10 +90,10 @@ class PicoBoard:
         self._part_us = -_BOUNCE_US  # the latest edge of the part sensor
         self._ticks = ticks_us()
         self._micros = 0
-        self._arriving = poll()
-        self._arriving.register(sys.stdin, POLLIN)
-        self._leaving = poll()
-        self._leaving.register(sys.stdout, POLLOUT)
+        self._input_poll = poll()
+        self._input_poll.register(sys.stdin, POLLIN)
+        self._output_poll = poll()
+        self._output_poll.register(sys.stdout, POLLOUT)
         self._unsent = b""
 
     def micros(self) -> int:
@@ -106,7 +106,7 @@ class PicoBoard:
         self.micros()  # at least once per pass, or a wrap would be missed
         self._send()
         data = b""
-        while self._arriving.poll(0) and len(data) < _READ_BYTES:
+        while self._input_poll.poll(0) and len(data) < _READ_BYTES:
             data += sys.stdin.buffer.read(1)
         return data
 
@@ -130,12 +130,12 @@ class PicoBoard:
         return self._timed(self._strobe)
 
     def part_edges(self) -> list[int]:
-        seen = []
+        parts_us = []
         for at_us, active in self._timed(self._part):
             if active and at_us - self._part_us >= _BOUNCE_US:
-                seen.append(at_us)
+                parts_us.append(at_us)
             self._part_us = at_us
-        return seen
+        return parts_us
 
     def trigger(self) -> int:
         self._trigger.on()
@@ -156,7 +156,7 @@ class PicoBoard:
     def _send(self) -> None:
         # Without a host MicroPython discards the bytes. With a host that stops reading it waits for
         # room in the middle of a packet, three times half a second, and then gives up.
-        while self._unsent and self._leaving.poll(0):
+        while self._unsent and self._output_poll.poll(0):
             packet = self._unsent[:_USB_PACKET_BYTES]
             sent = sys.stdout.buffer.write(packet)
             self._unsent = self._unsent[sent:]

@@ -51,8 +51,8 @@ class SceneImages:
         if not (1 <= height_px <= rows and 1 <= width_px <= cols):
             raise InputError(f"{height_px} x {width_px} px cannot be cut from {rows} x {cols}")
         top, left = (rows - height_px) // 2, (cols - width_px) // 2
-        part = (..., slice(top, top + height_px), slice(left, left + width_px))
-        return SceneImages(*(getattr(self, field.name)[part] for field in fields(self)))
+        window = (..., slice(top, top + height_px), slice(left, left + width_px))
+        return SceneImages(*(getattr(self, field.name)[window] for field in fields(self)))
 
     def without_shadow(self, lighting: Lighting) -> SceneImages:
         """The same surface by Lambert's law everywhere, with negative light where n . l < 0."""
@@ -156,8 +156,8 @@ def _point_light(
     distance = np.sqrt(x * x + y * y + z * z)
     fall_off = (distance_px / distance) ** 2
     if lobe_exponent != 0.0:
-        from_axis = (direction[0] * x + direction[1] * y + direction[2] * z) / distance
-        fall_off = fall_off * np.maximum(from_axis, 0.0) ** lobe_exponent
+        axis_cosine = (direction[0] * x + direction[1] * y + direction[2] * z) / distance
+        fall_off = fall_off * np.maximum(axis_cosine, 0.0) ** lobe_exponent
     x, y, z, fall_off = (
         np.asarray(values, np.float32)
         for values in (x / distance, y / distance, z / distance, fall_off)
@@ -208,5 +208,5 @@ class Lens:
             scale * np.linspace(-1.0, 1.0, side, dtype=np.float32)
             for side, scale in zip(ideal.shape, scales, strict=True)
         )
-        darker = np.float32(0.5 * self.vignetting) * (rows[:, None] ** 2 + cols**2)
-        return np.asarray(image * (1.0 - darker), np.float32)
+        darkening = np.float32(0.5 * self.vignetting) * (rows[:, None] ** 2 + cols**2)
+        return np.asarray(image * (1.0 - darkening), np.float32)

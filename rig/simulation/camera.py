@@ -27,7 +27,7 @@ TRANSFER_S = 0.004
 _TRIGGER_POLL_S = 0.001
 # A clock that slept until a frame was ready may be early by a rounding error.
 _ROUNDING_S = 1e-6
-# Starts that are kept at least, for frames that are not read yet: 1,600 sets of five frames.
+# Least number of starts that are kept for frames that are not read yet: 1,600 sets of five frames.
 KEPT_STARTS = 8192
 
 _Strobe = Callable[[bool, float], object]
@@ -60,7 +60,7 @@ class Exposures(ABC):
         self._clock = clock
         self._strobe = strobe
         self._open = True
-        self._running = 0  # exposures; with a rolling shutter they may overlap
+        self._in_progress = 0  # number of exposures; with a rolling shutter they may overlap
 
     @abstractmethod
     def start_s(self, number: int) -> float:
@@ -84,15 +84,15 @@ class Exposures(ABC):
         self._open = False
 
     def _expose(self, start_s: float) -> None:
-        if self._running == 0:
+        if self._in_progress == 0:
             self._strobe(True, start_s)
-        self._running += 1
+        self._in_progress += 1
         end_s = start_s + self.shutter.all_rows_s
         self._clock.call_at(end_s, lambda: self._finish(end_s))
 
     def _finish(self, end_s: float) -> None:
-        self._running -= 1
-        if self._running == 0:
+        self._in_progress -= 1
+        if self._in_progress == 0:
             self._strobe(False, end_s)
 
 
@@ -149,17 +149,17 @@ class Triggered(Exposures):
             return self._starts_s[number - self._dropped]
 
     def started(self, by_s: float) -> int:
-        """Number of exposures that start until `by_s`."""
+        """Number of exposures that start up to `by_s`."""
         with self._lock:
             return self._dropped + bisect_right(self._starts_s, by_s + _ROUNDING_S)
 
     def await_start(self, number: int, deadline_s: float) -> bool:
         """Whether an exposure is triggered by the deadline."""
-        while not (is_known := self._known() > number) and self._clock.now_s() < deadline_s:
+        while not (is_known := self._start_count() > number) and self._clock.now_s() < deadline_s:
             self._clock.sleep_s(_TRIGGER_POLL_S)
         return is_known
 
-    def _known(self) -> int:
+    def _start_count(self) -> int:
         with self._lock:
             return self._dropped + len(self._starts_s)
 
@@ -208,7 +208,7 @@ def reported_timing(
     )
 
 
-# Buffers of the driver, as many as `V4l2Camera` claims.
+# Number of buffers of the driver, the same as of `V4l2Camera`.
 _BUFFERS = 4
 # Pause after an exposure, before the pixels are computed: the controller may switch its LEDs then
 # and needs the processor.

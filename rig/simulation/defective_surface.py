@@ -23,7 +23,7 @@ _Number = TypeVar("_Number", float, Image)
 _Window = tuple[slice, slice]
 
 _MAPS = ("height", "p", "q", "albedo")
-# Half widths at which the height of a groove is below 1e-6 of its depth.
+# Distance, in half widths, at which the height of a groove is below 1e-6 of its depth.
 _GROOVE_REACH = 6.0
 
 
@@ -40,8 +40,8 @@ class DefectiveSurface:
         """Bound on the height of the highest point above the lowest, in pixels."""
         # A scratch is 1.5 depths from its ground to the top of its ridges.
         depths_px = [defect.depth_px for defect in self.defects if defect.kind in RELIEF_KINDS]
-        added = 1.5 * sum(depths_px)
-        return self.surface.relief_px + added + sum(s.relief_px for s in self.foreign.values())
+        foreign_px = sum(surface.relief_px for surface in self.foreign.values())
+        return self.surface.relief_px + 1.5 * sum(depths_px) + foreign_px
 
     def patch(self, view: View) -> SurfacePatch:
         """A square piece of the surface with its defects; see `PeriodicSurface.patch`."""
@@ -49,7 +49,7 @@ class DefectiveSurface:
         patch = replace(patch, **{name: getattr(patch, name).copy() for name in _MAPS})
         x, y = view.part_coordinates()
         for defect in self.defects:
-            # The window alone is computed: the frame may be a hundred times as large.
+            # Only the window is computed: the frame may be a hundred times as large.
             window = _window(defect, x, y)
             piece = replace(patch, **{name: getattr(patch, name)[window] for name in _MAPS})
             changed = self._with_defect(defect, piece, x[window], y[window], window, view)
@@ -157,13 +157,13 @@ def _blended(
 ) -> SurfacePatch:
     """(1 - w) patch + w other; the gradients are those of the blended height."""
     w = np.float32(weight.value)
-    step = (other.height - patch.height) / magnification
+    height_step = (other.height - patch.height) / magnification
     edge_p, edge_q = _rotated(weight.along, weight.across, angle_deg)
     return replace(
         patch,
         height=patch.height + w * (other.height - patch.height),
-        p=patch.p + w * (other.p - patch.p) + step * np.float32(edge_p),
-        q=patch.q + w * (other.q - patch.q) + step * np.float32(edge_q),
+        p=patch.p + w * (other.p - patch.p) + height_step * np.float32(edge_p),
+        q=patch.q + w * (other.q - patch.q) + height_step * np.float32(edge_q),
         albedo=patch.albedo + w * (other.albedo - patch.albedo),
     )
 

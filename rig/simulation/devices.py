@@ -20,8 +20,9 @@ _EXPOSURE_STEP_MS = 0.0015
 
 
 class DeviceSimulation:
-    """A simulated rig in real time behind a serial device or pseudo-terminal, and a camera `served`
-    at KIND:PLACE, if not None.
+    """A simulated rig in real time behind a serial device or pseudo-terminal, and a camera.
+
+    `served` is KIND:PLACE of the camera, None for no camera.
     """
 
     def __init__(self, config: RigConfig, *, serial: str | None, served: str | None) -> None:
@@ -41,10 +42,10 @@ class DeviceSimulation:
         self.written = self.late = 0
         self._period_s = 1.0 / config.camera.frame_rate_hz
         bits = config.camera.bits if camera is None else camera.bit_depth
-        real = config.with_changes(
+        real_time = config.with_changes(
             simulation={"clock": "real"}, camera={"kind": "simulated", "bits": bits}
         )
-        self._simulation = Simulation(real, _served_at(serial, config))
+        self._simulation = Simulation(real_time, _server_at(serial, config))
         self.serial_number = self._simulation.board.serial_number
         self.camera: ServedCamera | None = None
         try:
@@ -78,13 +79,14 @@ class DeviceSimulation:
     def next_frame(
         self, max_late_periods: float, exposure_ms: float | None = None
     ) -> ServedFrame | None:
-        """Wait for a frame by the camera's clock, so that delays do not add up; None if late by
-        more than `max_late_periods` periods.
+        """Wait for a frame by the camera's clock, so that delays do not add up.
+
+        None if the frame is late by more than `max_late_periods` periods.
         """
         simulation = self._simulation
         source = simulation.camera_with_faults
-        set_ms = 1e3 * source.info.exposure_s
-        if exposure_ms is not None and abs(set_ms - exposure_ms) > _EXPOSURE_STEP_MS:
+        current_ms = 1e3 * source.info.exposure_s
+        if exposure_ms is not None and abs(current_ms - exposure_ms) > _EXPOSURE_STEP_MS:
             source.set_exposure(exposure_ms)
         frame = source.read(2.0 * self._period_s)
         end_s = simulation.camera.ready_s(frame.sequence)
@@ -106,7 +108,7 @@ class DeviceSimulation:
             self._simulation.close()
 
     def _pulse(self, camera: TriggeredCamera) -> None:
-        """Start an exposure, and let the camera ask for its frame."""
+        """Start an exposure, and let the camera request its frame."""
         if self._simulation.camera.exposures.trigger():
             camera.trigger()
 
@@ -128,7 +130,7 @@ def _served_camera(config: RigConfig, served: str) -> ServedCamera:
     return kind.served(place, config.camera)
 
 
-def _served_at(serial: str | None, config: RigConfig) -> Callable[[SimulatedController], Server]:
+def _server_at(serial: str | None, config: RigConfig) -> Callable[[SimulatedController], Server]:
     if serial is None:
         return serve_local
 

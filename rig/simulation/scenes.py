@@ -47,7 +47,7 @@ def require_surface(name: str) -> None:
 
 
 class BoundedCache(Generic[_Value]):
-    """A thread-safe cache of at most `limit_bytes`; the least recently used value goes first."""
+    """A thread-safe cache of at most `limit_bytes`, which drops least recently used values."""
 
     def __init__(self, bytes_of: Callable[[_Value], int], limit_bytes: int = _CACHE_BYTES) -> None:
         self._bytes_of, self._limit_bytes = bytes_of, limit_bytes
@@ -72,7 +72,7 @@ class SceneCache(BoundedCache[SceneImages]):
     """A cache of scenes, whose rendering takes most of the time to open a simulated rig."""
 
     def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
-        super().__init__(_bytes_of, limit_bytes)
+        super().__init__(_scene_bytes, limit_bytes)
 
 
 class SceneRenderer:
@@ -85,8 +85,8 @@ class SceneRenderer:
 
     def render(self, placement: Placement) -> SceneImages:
         """The scene of a placed surface, in the size of the camera's frames."""
-        named = {placement.surface, *(defect.surface for defect in placement.defects)}
-        if not named <= {*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS, None}:
+        names = {placement.surface, *(defect.surface for defect in placement.defects)}
+        if not names <= {*SYNTHETIC_TEXTURES, *bundled_materials(), *TARGETS, None}:
             return self._render(placement)
         camera, simulated = self._config.camera, self._config.simulation
         optics = (
@@ -147,13 +147,13 @@ class SceneRenderer:
         return self._surface[1]
 
 
-def _bytes_of(scene: SceneImages) -> int:
+def _scene_bytes(scene: SceneImages) -> int:
     arrays = (getattr(scene, field.name) for field in fields(scene))
     # A cropped image keeps the memory of the whole one.
     return sum((array if array.base is None else array.base).nbytes for array in arrays)
 
 
-def _bytes_of_surface(surface: PeriodicSurface) -> int:
+def _surface_bytes(surface: PeriodicSurface) -> int:
     maps = (surface.height, surface.p, surface.q, surface.albedo)
     # The spline coefficients have twice as many rows and columns.
     return 5 * sum(plane.nbytes for plane in maps)
@@ -161,7 +161,7 @@ def _bytes_of_surface(surface: PeriodicSurface) -> int:
 
 _SHARED_CACHE = SceneCache()
 # Holds synthetic surfaces of frames up to 256 px; larger ones exceed its limit.
-_SYNTHETIC_CACHE = BoundedCache(_bytes_of_surface)
+_SYNTHETIC_CACHE = BoundedCache(_surface_bytes)
 
 
 def _load(name: str, seed: int, size_px: int) -> Surface:

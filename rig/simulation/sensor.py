@@ -30,7 +30,7 @@ class SensorModel:
     # of the converter's range, so that noise around 0 is not cut
     black_level_fraction: float = 1.0 / 64.0
     response_gamma: float = 1.0  # linear shares of full scale are raised to 1 / gamma
-    hot_pixels: int = 0  # number of them, each 10 to 100 % of the full well too bright
+    hot_pixels: int = 0  # number of pixels that are too bright by 10 to 100 % of the full well
 
     @property
     def full_scale_dn(self) -> int:

@@ -112,7 +112,7 @@ class AravisCamera:
             self._camera = call(aravis().Camera.new, ids[0])
 
     def take_control(self) -> None:
-        """Let no other program change the camera; one that lists it is done in a moment."""
+        """Let no other program change the camera; wait for one that lists it, for a moment."""
         if not self._camera.is_gv_device():  # USB admits one program
             return
         device, deadline_s = self._camera.get_device(), time.monotonic() + _CONTROL_TIMEOUT_S
@@ -179,7 +179,7 @@ class AravisCamera:
         try:
             shortest_us, longest_us = call(self._camera.get_float_bounds, *names[:1])
         except (CameraError, TypeError):
-            # Not first: of a Basler ace it gives the bounds of ExposureTimeRaw, which are no us.
+            # The last choice: of a Basler ace these are the bounds of ExposureTimeRaw, not in us.
             shortest_us, longest_us = call(self._camera.get_exposure_time_bounds)
         return shortest_us / 1e3, longest_us / 1e3
 
@@ -236,6 +236,6 @@ class AravisCamera:
         if self._stream is not None:
             with suppress(CameraError):  # it was unplugged
                 call(self._camera.stop_acquisition)
-        # Both end with the last reference, the stream first.
+        # Aravis ends each with its last reference; the stream must end before the camera.
         self._stream = None
         self._camera = None

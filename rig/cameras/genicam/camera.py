@@ -23,23 +23,24 @@ from .aravis import (
     is_installed,
 )
 from .measurement_mode import (
+    FIXED_FEATURES,
     GAMMA_SWITCHES,
-    HELD,
     GenicamCameraConfig,
     set_exposure,
     set_measurement_mode,
 )
 from .pixel_formats import FAMILIES, PIXEL_FORMATS, decode
 
-# Few, so that few frames are stale after a switch; one is filled while others wait.
+# Number of buffers: few, so that few frames are stale after a switch. One is filled while others
+# wait.
 _BUFFERS = 4
-# Further numbers that change the pixel value of the same light.
+# Further features that change the pixel value of the same light.
 _PIXEL_VALUES = (
     "BlackLevel", "BlackLevelRaw", "DigitalShift", "Sharpness", "Brightness", "Contrast",
     "BslBrightness", "BslContrast",
 )  # fmt: skip
 # Formats, best first: grey before colour, more bits before fewer, packed ones for the line.
-_PREFERRED = [
+_PREFERRED_FORMATS = [
     f"{family}{packing}"
     for family in FAMILIES
     for packing in ("12p", "12Packed", "12", "10p", "10Packed", "10", "16", "8")
@@ -128,7 +129,7 @@ class GenicamCamera:
             bit_depth=config.bits,
             exposure_start_s=start_s,
             exposure_end_s=start_s + exposure_s,
-            sequence=self._number_of(buffer.frame_id),
+            sequence=self._sequence_number(buffer.frame_id),
             flags=FrameFlag.GOOD if buffer.data else FrameFlag.CORRUPT,
         )
 
@@ -136,8 +137,8 @@ class GenicamCamera:
         """Stop streaming and release the camera; a second call does nothing."""
         self._camera.close()
 
-    def _number_of(self, frame_id: int) -> int:
-        """A number that goes on where the camera's 16 bits begin again."""
+    def _sequence_number(self, frame_id: int) -> int:
+        """Sequence number of a frame, which continues when the camera's 16-bit id starts again."""
         if self._last_id is not None:
             self._sequence += (frame_id - self._last_id) % FRAME_ID_COUNT
         self._last_id = frame_id
@@ -155,7 +156,7 @@ class GenicamCamera:
     def _record(self) -> dict[str, Any]:
         """The camera's state for a set's metadata."""
         camera, config = self._camera, self._config
-        kinds: dict[str, Any] = {name: type(value) for name, value in HELD.items()}
+        kinds: dict[str, Any] = {name: type(value) for name, value in FIXED_FEATURES.items()}
         for name in ("DeviceVersion", "DeviceFirmwareVersion", "DeviceSerialNumber"):
             kinds[name] = str
         record: dict[str, Any] = {
@@ -192,11 +193,12 @@ def _pixel_values(camera: AravisCamera) -> dict[str, Any]:
 
 
 class DeviceClock:
-    """The camera's clock on this machine's, by the least delay of the last frames, as readout and
-    load only add to it; without a stamp the arrival counts.
+    """Converts the camera's clock to that of this machine by the least delay of the last frames.
+
+    Readout and load only add to the delay. Without a stamp the time of arrival counts.
     """
 
-    # Some seconds: clocks of cameras differ by 50 ppm, which is 0.5 ms in 10 s.
+    # Number of frames in some seconds: clocks of cameras differ by 50 ppm, which is 0.5 ms in 10 s.
     _FRAMES = 256
 
     def __init__(self) -> None:
@@ -217,13 +219,13 @@ def list_genicam_cameras() -> list[ListedCamera]:
     """List the cameras that answer on networks and USB; none without Aravis."""
     if not is_installed():
         return []
-    return [*map(_listed, find_devices()), *_closed_usb_cameras()]
+    return [*map(_listed, find_devices()), *_inaccessible_usb_cameras()]
 
 
 USB_DEVICES = Path("/sys/bus/usb/devices")
 
 
-def _closed_usb_cameras() -> Iterator[ListedCamera]:
+def _inaccessible_usb_cameras() -> Iterator[ListedCamera]:
     """USB3 Vision cameras that this user may not open; Aravis passes over them."""
     for interface in USB_DEVICES.glob("*:*"):
         usb = USB_DEVICES / interface.name.partition(":")[0]
@@ -250,7 +252,7 @@ def _listed(detected: DetectedCamera) -> ListedCamera:
         return replace(listed, problem=f"{device}: {error}")
     try:
         formats = camera.entries("PixelFormat")
-        best = next((name for name in _PREFERRED if name in formats), None)
+        best = next((name for name in _PREFERRED_FORMATS if name in formats), None)
         lines: tuple[str, ...] = ()
         if best is not None:
             width_px, height_px = camera.value("Width", int), camera.value("Height", int)
@@ -270,9 +272,9 @@ def _listed(detected: DetectedCamera) -> ListedCamera:
 
 
 MAX_BUFFER_FILE = Path("/proc/sys/net/core/rmem_max")
-# Share of a link less the headers of its packets: 115 MB/s of gigabit Ethernet.
+# Share of a link that is not headers of packets: 115 MB/s of gigabit Ethernet.
 _LINK_SHARE = 0.92
-# With packets of 1,500 bytes the kernel handles this many a second without losses on two cores.
+# Number of packets of 1,500 bytes that the kernel handles per second on two cores without losses.
 _MAX_PACKETS_PER_S = 40_000
 
 
@@ -284,12 +286,12 @@ def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
     bits = PIXEL_FORMATS[record["pixel_format"]].bits_in_memory
     frame_bytes = info.width_px * info.height_px * bits // 8
     rate_mb_per_s = frame_bytes / info.frame_period_s / 1e6
-    most_mb_per_s = _LINK_SHARE * (record.get("link_mbit_per_s") or 1000.0) / 8.0
-    if rate_mb_per_s > most_mb_per_s:
+    max_mb_per_s = _LINK_SHARE * (record.get("link_mbit_per_s") or 1000.0) / 8.0
+    if rate_mb_per_s > max_mb_per_s:
         yield ControlFault(
             "network rate",
             f"frames of {frame_bytes / 1e6:.1f} MB at {1.0 / info.frame_period_s:g} Hz are "
-            f"{rate_mb_per_s:.0f} MB/s, the camera's link carries {most_mb_per_s:.0f}",
+            f"{rate_mb_per_s:.0f} MB/s, the camera's link carries {max_mb_per_s:.0f}",
             "lower camera.frame_rate_hz, or choose a packed camera.pixel_format",
         )
     packet_bytes = record["packet_bytes"]
@@ -300,15 +302,14 @@ def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
             f"{packets_per_s:.0f} packets of {packet_bytes} bytes a second",
             "allow large packets: sudo ip link set IFACE mtu 9000",
         )
-    wanted_bytes = FRAMES_IN_SOCKET * frame_bytes
+    needed_bytes = FRAMES_IN_SOCKET * frame_bytes
     try:
-        largest_bytes = int(MAX_BUFFER_FILE.read_text())
+        max_bytes = int(MAX_BUFFER_FILE.read_text())
     except (OSError, ValueError):
         return  # not Linux
-    if largest_bytes < wanted_bytes:
+    if max_bytes < needed_bytes:
         yield ControlFault(
             "socket buffer",
-            f"a socket may hold {largest_bytes} bytes, {FRAMES_IN_SOCKET} frames are "
-            f"{wanted_bytes}",
-            f"sudo sysctl -w net.core.rmem_max={wanted_bytes}",
+            f"a socket may hold {max_bytes} bytes, {FRAMES_IN_SOCKET} frames are {needed_bytes}",
+            f"sudo sysctl -w net.core.rmem_max={needed_bytes}",
         )

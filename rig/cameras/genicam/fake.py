@@ -59,10 +59,10 @@ def _pointer(instance: Any) -> int:
 # Frames later than this share of a period are skipped: a free-running camera sends a frame as
 # soon as it is read out.
 _MAX_LATE_PERIODS = 0.25
-# Late frames that are skipped, and waits of two periods for a pulse, until the thread must answer
-# its client again.
+# Number of late frames that are skipped, or of waits of two periods for a pulse, before the thread
+# must answer its client again.
 _MAX_ATTEMPTS = 8
-_ALL_PACKETS = 1.0  # of the packets of a frame
+_ALL_PACKETS = 1.0  # share of the packets of a frame
 # By depth: a format, and the function that encodes an image.
 _FORMATS: dict[int, tuple[str, Callable[[Pixels], bytes]]] = {
     8: ("Mono8", lambda pixels: pixels.astype(np.uint8, copy=False).tobytes()),
@@ -72,8 +72,9 @@ _FORMATS: dict[int, tuple[str, Callable[[Pixels], bytes]]] = {
 
 
 class FakeGigeCamera:
-    """Aravis' fake camera ``Aravis-Fake-SERIAL`` at an address of this machine; a thread of Aravis
-    asks for frames.
+    """Aravis' fake camera ``Aravis-Fake-SERIAL`` at an address of this machine.
+
+    A thread of Aravis requests the frames.
     """
 
     place_help: ClassVar[str] = "ADDRESS, one of this machine"
@@ -115,7 +116,7 @@ class FakeGigeCamera:
                         frame := source.next_frame(_MAX_LATE_PERIODS, exposure_us / 1e3)
                     ) is not None:
                         break
-            if self._camera is None:  # it ends
+            if self._camera is None:  # `close` waits for this thread
                 return
             # The buffer has an earlier image, which may not be sent again.
             self._camera.props.gvsp_lost_ratio = _ALL_PACKETS if frame is None else self._lost_share

@@ -41,9 +41,9 @@ class GenicamCameraConfig(DeviceCameraConfig, FormattedCameraConfig):
 # Sensors take exposures in steps of a row.
 _EXPOSURE_TOLERANCE_MS = 0.05
 _GAIN_TOLERANCE = 0.1
-# What adapts by itself or changes frames, and its value that does not: names of the SFNC 2.7, and
-# older or own ones of Basler, FLIR and Hikrobot.
-HELD: dict[str, bool | str] = {
+# Features that adapt by themselves or change frames, and the values that switch this off. The names
+# are those of the SFNC 2.7, and older ones or own ones of Basler, FLIR and Hikrobot.
+FIXED_FEATURES: dict[str, bool | str] = {
     "SequencerMode": "Off",
     "SequenceEnable": False,
     "AcquisitionMode": "Continuous",
@@ -62,6 +62,7 @@ HELD: dict[str, bool | str] = {
     "SharpnessEnabled": False,
     "ChunkModeActive": False,
 }
+# Features that must be 1.
 _UNIT_FEATURES = (
     "BinningHorizontal", "BinningVertical", "DecimationHorizontal", "DecimationVertical",
     "AcquisitionBurstFrameCount",
@@ -69,24 +70,24 @@ _UNIT_FEATURES = (
 # The trigger of one frame, best first: some cameras of Hikrobot have a burst of one frame only.
 _FRAME_TRIGGERS = ("FrameStart", "FrameBurstStart", "AcquisitionStart")
 _RATE_LIMITS = ("AcquisitionFrameRateEnable", "AcquisitionFrameRateEnabled")
-# The rate that exposure, readout and line allow, by Basler, Hikrobot and FLIR.
+# Features with the rate that exposure, readout and link allow, of Basler, Hikrobot and FLIR.
 _REACHED_RATES = (
     "ResultingFrameRate", "ResultingFrameRateAbs", "BslResultingAcquisitionFrameRate",
     "AcquisitionResultingFrameRate",
 )  # fmt: skip
 GAMMA_SWITCHES = ("GammaEnable", "GammaEnabled")
-# Of a number in a register of 32 bits.
+# Tolerance of a value that the camera holds as a float of 32 bits.
 _RELATIVE_TOLERANCE = 1e-5
 
 
 class Settings:
-    """Sets features of one camera, and collects those that do not hold."""
+    """Sets features of one camera, and collects those that do not keep the value."""
 
     def __init__(self, camera: AravisCamera) -> None:
         self._camera = camera
         self.faults: list[ControlFault] = []
 
-    def hold(self, feature: str, value: bool | int | float | str) -> None:
+    def set(self, feature: str, value: bool | int | float | str) -> None:
         """Set a feature, unless it has the value already, and read it back."""
         camera = self._camera
         kind: Any = type(value)
@@ -98,57 +99,58 @@ class Settings:
         except CameraError as error:
             self.compare(feature, value, str(error))
 
-    def hold_if_there(self, feature: str, value: bool | int | float | str) -> None:
+    def set_if_available(self, feature: str, value: bool | int | float | str) -> None:
         """Set a feature that not every camera has."""
         if self._camera.has(feature):
-            self.hold(feature, value)
+            self.set(feature, value)
 
-    def compare(self, name: str, requested: Any, held: Any, tolerance: float = 0.0) -> None:
-        """Add a fault if a value does not hold."""
-        if held == requested:
+    def compare(self, name: str, requested: Any, actual: Any, tolerance: float = 0.0) -> None:
+        """Add a fault if the camera does not have the requested value."""
+        if actual == requested:
             return
-        if isinstance(held, float) and abs(held - requested) <= tolerance:
+        if isinstance(actual, float) and abs(actual - requested) <= tolerance:
             return
         self.faults.append(
             ControlFault(
                 name,
-                f"{name} was set to {requested} and reads {held}",
+                f"{name} was set to {requested} and reads {actual}",
                 "set a value that the camera takes, or leave the key out",
             )
         )
 
 
 def set_measurement_mode(camera: AravisCamera, config: GenicamCameraConfig) -> float:
-    """Set all that `config` states; return the frame period in s, or name every feature that does
-    not hold in a `ControlError`.
+    """Set all that `config` states, and return the frame period in s.
+
+    A `ControlError` names every feature that does not keep its value.
     """
     settings = Settings(camera)
-    for feature, value in HELD.items():
-        settings.hold_if_there(feature, value)
+    for feature, value in FIXED_FEATURES.items():
+        settings.set_if_available(feature, value)
     for feature in _UNIT_FEATURES:
-        settings.hold_if_there(feature, 1)
+        settings.set_if_available(feature, 1)
     for feature, pixels in (
         ("OffsetX", 0), ("OffsetY", 0), ("Width", config.width_px), ("Height", config.height_px)
     ):  # fmt: skip
-        settings.hold(feature, pixels)
+        settings.set(feature, pixels)
     _require_format(camera, config.pixel_format)
-    settings.hold("PixelFormat", config.pixel_format)
+    settings.set("PixelFormat", config.pixel_format)
     _set_trigger(camera, settings, config.trigger_line)
     # The present exposure may be too long for the rate, and the present rate for the exposure.
     camera.set_exposure(min(config.exposure_ms, camera.exposure_range_ms[1]))
     for switch in _RATE_LIMITS:
-        settings.hold_if_there(switch, config.trigger_line is None)
+        settings.set_if_available(switch, config.trigger_line is None)
     if config.trigger_line is None:
         camera.set_frame_rate(config.frame_rate_hz)
     if config.gain is not None:
         camera.set_gain(config.gain)
         settings.compare("gain", config.gain, camera.gain, _GAIN_TOLERANCE)
     if config.gamma is not None:
-        settings.hold_if_there("GammaSelector", "User")
+        settings.set_if_available("GammaSelector", "User")
         for switch in GAMMA_SWITCHES:
-            settings.hold_if_there(switch, True)
-        settings.hold("Gamma", config.gamma)
-    rate_hz = _put_exposure(camera, settings, config, config.exposure_ms)
+            settings.set_if_available(switch, True)
+        settings.set("Gamma", config.gamma)
+    rate_hz = _apply_exposure(camera, settings, config, config.exposure_ms)
     if settings.faults:
         raise ControlError(config.device, *settings.faults)
     return 1.0 / rate_hz
@@ -157,22 +159,22 @@ def set_measurement_mode(camera: AravisCamera, config: GenicamCameraConfig) -> f
 def set_exposure(camera: AravisCamera, config: GenicamCameraConfig, exposure_ms: float) -> None:
     """Change the exposure; a `ControlError` if the camera does not keep it, or its rate."""
     settings = Settings(camera)
-    _put_exposure(camera, settings, config, exposure_ms)
+    _apply_exposure(camera, settings, config, exposure_ms)
     if settings.faults:
         raise ControlError(config.device, *settings.faults)
 
 
-def _put_exposure(
+def _apply_exposure(
     camera: AravisCamera, settings: Settings, config: GenicamCameraConfig, exposure_ms: float
 ) -> float:
     """Set the exposure; return the frame rate, which some cameras lower for it."""
     camera.set_exposure(exposure_ms)
     settings.compare("exposure_ms", exposure_ms, camera.exposure_ms, _EXPOSURE_TOLERANCE_MS)
-    asked_hz = config.frame_rate_hz
-    rate_hz = asked_hz if config.trigger_line is not None else camera.frame_rate_hz
+    requested_hz = config.frame_rate_hz
+    rate_hz = requested_hz if config.trigger_line is not None else camera.frame_rate_hz
     reached_hz = [camera.number(name) for name in _REACHED_RATES if camera.has(name)]
     settings.compare(
-        "frame_rate_hz", asked_hz, min([rate_hz, *reached_hz]), RATE_TOLERANCE * asked_hz
+        "frame_rate_hz", requested_hz, min([rate_hz, *reached_hz]), RATE_TOLERANCE * requested_hz
     )
     return rate_hz
 
@@ -189,11 +191,11 @@ def _set_trigger(camera: AravisCamera, settings: Settings, line: str | None) -> 
     selectors = camera.entries("TriggerSelector") if camera.has("TriggerSelector") else []
     for selector in selectors:
         camera.set_value("TriggerSelector", selector)
-        settings.hold_if_there("TriggerMode", "Off")
-    settings.hold_if_there("TriggerMode", "Off")
+        settings.set_if_available("TriggerMode", "Off")
+    settings.set_if_available("TriggerMode", "Off")
     if line is not None:
         for selector in [name for name in _FRAME_TRIGGERS if name in selectors][:1]:
-            settings.hold("TriggerSelector", selector)
-        settings.hold("TriggerSource", line)
-        settings.hold_if_there("TriggerActivation", "RisingEdge")
-        settings.hold("TriggerMode", "On")
+            settings.set("TriggerSelector", selector)
+        settings.set("TriggerSource", line)
+        settings.set_if_available("TriggerActivation", "RisingEdge")
+        settings.set("TriggerMode", "On")

@@ -47,7 +47,7 @@ def _unpacked_10p(data: _Bytes) -> Pixels:
     return np.stack(pixels, axis=1).ravel()
 
 
-def _gigabit_packed(low_bits: int) -> Callable[[_Bytes], Pixels]:
+def _gige_unpacked(low_bits: int) -> Callable[[_Bytes], Pixels]:
     mask = (1 << low_bits) - 1
 
     def unpacked(data: _Bytes) -> Pixels:
@@ -65,8 +65,8 @@ _PACKINGS = {
     "16": PixelFormat(16, 16, _words),
     "10p": PixelFormat(10, 10, _unpacked_10p),
     "12p": PixelFormat(12, 12, _unpacked_12p),
-    "10Packed": PixelFormat(10, 12, _gigabit_packed(2)),
-    "12Packed": PixelFormat(12, 12, _gigabit_packed(4)),
+    "10Packed": PixelFormat(10, 12, _gige_unpacked(2)),
+    "12Packed": PixelFormat(12, 12, _gige_unpacked(4)),
 }
 FAMILIES = ("Mono", "BayerRG", "BayerGR", "BayerGB", "BayerBG")
 PIXEL_FORMATS = {
@@ -74,18 +74,18 @@ PIXEL_FORMATS = {
     for family in FAMILIES
     for packing, pixel_format in _PACKINGS.items()
 }
-# Pixels whose bits fill whole bytes in every packing.
-_GROUP = 4
+# Smallest number of pixels whose bits fill whole bytes in every packing.
+_GROUP_PX = 4
 
 
 def decode(name: str, data: bytes, width_px: int, height_px: int) -> Pixels:
     """The image (H, W) in a complete buffer, whose memory it may share."""
     pixel_format = PIXEL_FORMATS[name]
     count = width_px * height_px
-    if count % _GROUP and pixel_format.bits_in_memory % 8:
+    if count % _GROUP_PX and pixel_format.bits_in_memory % 8:
         raise CameraError(
-            f"{name} of {width_px} x {height_px} px does not fill whole groups of {_GROUP} pixels; "
-            "set camera.width_px to a multiple of 4"
+            f"{name} of {width_px} x {height_px} px does not fill whole groups of {_GROUP_PX} "
+            "pixels; set camera.width_px to a multiple of 4"
         )
     expected = count * pixel_format.bits_in_memory // 8
     if len(data) != expected:

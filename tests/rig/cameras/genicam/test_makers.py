@@ -123,7 +123,7 @@ def test_a_value_that_holds_is_not_written() -> None:
             raise CameraError("write protected")
 
     settings = Settings(ReadOnlyCamera())
-    settings.hold("TestPattern", "Off")
+    settings.set("TestPattern", "Off")
     assert settings.faults == []
 
 
