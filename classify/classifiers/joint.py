@@ -144,8 +144,8 @@ def _limits(
         return float(_compare(tests[index], references[others], parameters).distances.min())
 
     factors = limit_factors(labels, sets, references[:, -1], uniformity)
-    single = float(parameters["limit"]) * factors
-    return class_limits(labels, sets, single, lower_bounds, nearest)
+    single_set_limits = float(parameters["limit"]) * factors
+    return class_limits(labels, sets, single_set_limits, lower_bounds, nearest)
 
 
 def _series_of(signatures: FloatMap) -> Complex:

@@ -59,31 +59,32 @@ def blur_coordinates(levels: FloatMap, curves: FloatMap, basis: Floats, rings: i
     directions = basis.astype(np.float32)
     coordinates = levels @ directions.T
     changes = curves @ directions.T
-    rest = np.square(curves - changes @ directions)
+    remainders = np.square(curves - changes @ directions)
     squares = [
-        rest.sum(axis=2),
-        rest[:, :1, rings:].sum(axis=2),
-        rest[:, :2, :rings].sum(axis=2),
+        remainders.sum(axis=2),
+        remainders[:, :1, rings:].sum(axis=2),
+        remainders[:, :2, :rings].sum(axis=2),
     ]
-    reach = np.sqrt(np.concatenate(squares, axis=1))
-    return np.concatenate([coordinates, changes.reshape(len(levels), -1), reach], axis=1)
+    lengths = np.sqrt(np.concatenate(squares, axis=1))
+    return np.concatenate([coordinates, changes.reshape(len(levels), -1), lengths], axis=1)
 
 
 def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Floats:
     """(n,) lower bounds on the distances from a test, with (k,) invariants, to n references."""
     size = RING_DIRECTIONS + LOCAL_DIRECTIONS
-    plain = 2 * SERIES + len(parameters["whitening"])
+    # Number of invariants before the blur coordinates.
+    count = 2 * SERIES + len(parameters["whitening"])
     paths = []
     for rows in (test[None], references):
-        numbers = rows[:, plain:-1]
-        changes = numbers[:, size : 4 * size].reshape(len(rows), len(KNOTS_PX2), size)
-        paths += [numbers[:, :size], changes, numbers[:, 4 * size :]]
-    own, curve, own_reach, *others = paths
+        blur = rows[:, count:-1]
+        changes = blur[:, size : 4 * size].reshape(len(rows), len(KNOTS_PX2), size)
+        paths += [blur[:, :size], changes, blur[:, 4 * size :]]
+    test_levels, test_changes, test_lengths, *reference_paths = paths
     penalty = blur_penalty(float(parameters["pixels"]))
     lower_bounds = np.empty(len(references), np.float64)
-    path = (own[0], curve[0], own_reach[0], *others)
+    path = (test_levels[0], test_changes[0], test_lengths[0], *reference_paths)
     bound_rows = partial(
-        _bounds, SERIES, test[:plain], references, *path, penalty, test[-1], lower_bounds
+        _bounds, SERIES, test[:count], references, *path, penalty, test[-1], lower_bounds
     )
     run_on_rows(bound_rows, references.shape)
     return lower_bounds
@@ -91,8 +92,9 @@ def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Floa
 
 @kernel
 def _bounds(
-    series: int, test: Array, references: Array, own: Array, curve: Array, own_reach: Array,
-    others: Array, curves: Array, reaches: Array,
+    series: int, test: Array, references: Array,
+    test_levels: Array, test_changes: Array, test_lengths: Array,
+    levels: Array, changes: Array, lengths: Array,
     penalty: np.float32, divisor: np.float32, bounds: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     """Squared distances to the paths, less rounding errors, over the divisor."""
@@ -103,19 +105,20 @@ def _bounds(
     # The energy of a reference differs from the test's only where the distance is large.
     rounding = _ROUNDING * np.sqrt(energy)
     for n in range(first, stop):
-        reference, reach = references[n], reaches[n]
+        reference, length = references[n], lengths[n]
         directional = _square(test, reference, series, 2 * series)
         across = _square(test, reference, 0, series)
         across += _square(test, reference, 2 * series, len(test))
         across -= _ROUNDING * across
-        for k in range(len(own)):
-            across -= (others[n, k] - own[k]) ** 2
-        # The rest of the difference, which the rest of a change shortens by its length at most.
+        for k in range(len(test_levels)):
+            across -= (levels[n, k] - test_levels[k]) ** 2
+        # Remainder of the difference at each point of the path. That of a change shortens it by at
+        # most its length.
         r2 = np.sqrt(max(across, zero))
-        r0 = r2 - own_reach[5] - np.float32(EXTRAPOLATION) * reach[3]
-        r1 = r2 - own_reach[4] - reach[3]
-        r3, r4, r5 = r2 - reach[0], r2 - reach[1], r2 - reach[2]
-        s, p = path_products(own, curve, others[n], curves[n], RING_DIRECTIONS)
+        r0 = r2 - test_lengths[5] - np.float32(EXTRAPOLATION) * length[3]
+        r1 = r2 - test_lengths[4] - length[3]
+        r3, r4, r5 = r2 - length[0], r2 - length[1], r2 - length[2]
+        s, p = path_products(test_levels, test_changes, levels[n], changes[n], RING_DIRECTIONS)
         if min(r0, r1, r3, r4, r5) > zero:
             squares = (
                 s[0] + r0 * r0, s[1] + r1 * r1, s[2] + r2 * r2,
@@ -128,10 +131,10 @@ def _bounds(
                 p[3] + r3 * r4,
                 p[4] + r4 * r5,
             )
-            least, _ = min_on_path(squares, products, penalty)
+            minimum, _ = min_on_path(squares, products, penalty)
         else:
-            least, _ = min_on_path(s, p, penalty)
-        distance = np.sqrt(max(directional + least, zero)) - rounding
+            minimum, _ = min_on_path(s, p, penalty)
+        distance = np.sqrt(max(directional + minimum, zero)) - rounding
         bounds[n] = np.float64(max(distance, zero)) ** 2 / np.float64(divisor)
 
 

@@ -67,12 +67,12 @@ class JointObservation(Observation):
 
 @dataclass(frozen=True, eq=False)
 class JointTraining(Observation):
-    """One training set."""
+    """What is observed of one training set."""
 
     frame: JointObservation
     quarters: FloatMap  # (4, 3, R, A) `polar` of its quarters
-    rotated: tuple[JointObservation, ...]  # under rotated lights, where that changes it
-    blurred: tuple[LocalStatistics, ...]  # by each of `KNOTS_PX2`
+    rotated: tuple[JointObservation, ...]  # under rotated lights, if shadows make it differ
+    blurred: tuple[LocalStatistics, ...]  # after a blur by each of `KNOTS_PX2`
     unevenness: float  # see `texture.uniformity`
 
 

@@ -3,8 +3,7 @@
 The four quarters of every training set show how much one surface differs from itself: how far its
 spectra and statistics scatter, and which statistics scatter together. A distance of 1 is the
 typical distance between two quarters of a set.
-``tests/evidence/joint_constants.py`` prints what each tuned number gives halved
-and doubled.
+``tests/evidence/joint_constants.py`` prints the errors with each tuned number halved and doubled.
 """
 
 import math
@@ -42,8 +41,8 @@ _SCATTER_POWER = 0.4
 # of scatter 0.2, are at 1.2 to 1.8 from their class with another rig and focus. See "When a
 # surface is unknown" in classify/DECISIONS.md for what this gives.
 _MIN_SCATTER = 0.5
-# The largest factor of the 22 materials. Quarters of a part with a figure in one of them differ
-# more than textures do (test_a_class_with_a_figure_in_a_corner...).
+# Largest `scatter_factor`: the largest of the 22 materials. Quarters of a part with a figure in one
+# of them differ more than textures do (test_a_class_with_a_figure_in_a_corner...).
 _MAX_FACTOR = 1.5
 # Largest factor of a class with one set only: the 95th percentile and the mean of the factors of
 # uniform classes. See "Uniformity" in classify/DECISIONS.md.
@@ -62,8 +61,8 @@ _MINIMUM_OF_NORMALS = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
 # Below this side the limit falls with the twelfth root of the side, by 6 % at 128 px: smaller
 # frames distinguish textures less well.
 _SUFFICIENT_PX = 256
-# Most sets of one class, and most references of lowest bound, that are compared: more would take
-# minutes and change little.
+# Largest number of sets of one class that are compared, and of references, those of lowest bound:
+# more would take minutes and change little.
 _MAX_SETS = 200
 _MAX_REFERENCES = 256
 
@@ -100,8 +99,9 @@ def unit_limit(pixels: float) -> float:
 
 
 def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
-    """Limit from the distance of each set to the others, without sets of one patch; at most the
-    99th percentile of the smallest of as many distances.
+    """Limit of a class from the distance of each set to the others, without sets of one patch.
+
+    It is at most the 99th percentile of the smallest of as many distances.
     """
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
     expected = math.log(limit) - _LIMIT_DEVIATIONS * spread
@@ -109,27 +109,30 @@ def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
     if not logs:
         return limit
     nearest, deviation = _MINIMUM_OF_NORMALS[min(len(logs), len(_MINIMUM_OF_NORMALS)) - 1]
-    most = nearest * _PATCH_SPREAD + _LIMIT_DEVIATIONS * math.hypot(
+    max_excess = nearest * _PATCH_SPREAD + _LIMIT_DEVIATIONS * math.hypot(
         _CLASS_SPREAD, deviation * _PATCH_SPREAD
     )
     trust = 1.0 - 1.0 / (1.0 + len(logs) * (_CLASS_SPREAD / _PATCH_SPREAD) ** 2)
-    above = trust * sum(max(value - expected, -spread) for value in logs) / len(logs)
-    remaining = math.hypot(_CLASS_SPREAD * math.sqrt(1.0 - trust), _PATCH_SPREAD)
-    return math.exp(expected + min(above + _LIMIT_DEVIATIONS * remaining, most))
+    excess = trust * sum(max(value - expected, -spread) for value in logs) / len(logs)
+    remaining_spread = math.hypot(_CLASS_SPREAD * math.sqrt(1.0 - trust), _PATCH_SPREAD)
+    return math.exp(expected + min(excess + _LIMIT_DEVIATIONS * remaining_spread, max_excess))
 
 
 def class_limits(
     labels: Sequence[str],
     sets: Sequence[int],
-    single: FloatMap,
+    single_set_limits: FloatMap,
     lower_bounds: Callable[[int, Indices], Floats],
     nearest: Callable[[int, Indices], float],
 ) -> dict[str, float]:
-    """Limit of each class, at most the distance to the nearest other class."""
+    """Limit of each class, at most the distance to the nearest other class.
+
+    `single_set_limits` are those of the references as classes with one set.
+    """
     numbers, classes = np.array(sets), np.array(labels)
     firsts = np.unique(numbers, return_index=True)[1]
 
-    def least(index: int, others: BoolArray) -> float:
+    def least_distance(index: int, others: BoolArray) -> float:
         indices = np.flatnonzero(others)
         if len(indices) > _MAX_REFERENCES:
             lowest = np.argpartition(lower_bounds(index, indices), _MAX_REFERENCES)
@@ -139,10 +142,12 @@ def class_limits(
     limits = {}
     for label in dict.fromkeys(labels):
         same = classes == label
-        own = firsts[same[firsts]][:_MAX_SETS]
-        within = [least(i, same & (numbers != numbers[i])) for i in own] if len(own) > 1 else []
-        between = min(least(i, ~same) for i in own)
-        typical = limit_of_sets(float(single[own].mean()), within)
+        of_class = firsts[same[firsts]][:_MAX_SETS]
+        within = []
+        if len(of_class) > 1:
+            within = [least_distance(i, same & (numbers != numbers[i])) for i in of_class]
+        between = min(least_distance(i, ~same) for i in of_class)
+        typical = limit_of_sets(float(single_set_limits[of_class].mean()), within)
         limits[label] = min(typical, between)
     return limits
 

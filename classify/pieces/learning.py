@@ -43,12 +43,13 @@ _OCTAVE_COVERAGE = 0.999
 # the good ones than any left-out window at 0 degrees.
 _MIN_DIRECTEDNESS = 0.9
 # Prior of the standard deviation of the logarithm of the highest scores of good parts, and the
-# number of parts that it counts as: it was 0.05 to 0.25 on the textures of that command.
+# number of parts that it counts as. The deviation is 0.05 to 0.25 on the textures of
+# `tests.evidence.wrong_passes`.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.12, 4
-# Largest number of training spots; folds of the cross-validation.
+# Largest number of training spots, and number of folds of the cross-validation.
 _MAX_SPOTS, _FOLDS = 25_000, 5
 # Smallest limit on the departure of the rms of an octave.
-_MIN_OCTAVE = math.log(1.05)
+_MIN_OCTAVE_LIMIT = math.log(1.05)
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,15 +93,15 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
     levels = np.array([octave_levels(coarse) for coarse in coarses])
     scale, scales = scale_measure(np.array([part.rings for part in parts]), scale_direction)
     handedness, hands = handedness_measure(np.array([pseudo_scalars(coarse) for coarse in coarses]))
-    least = hands.mean() - tolerance_factor(len(parts)) * hands.std(ddof=1)
+    lower_limit = hands.mean() - tolerance_factor(len(parts)) * hands.std(ddof=1)
     return PieceModel(
         floors,
         views,
         _spot_model(parts, floors),
         levels.mean(axis=0),
-        np.maximum(factor * levels.std(axis=0, ddof=1), _MIN_OCTAVE),
+        np.maximum(factor * levels.std(axis=0, ddof=1), _MIN_OCTAVE_LIMIT),
         scale,
-        handedness if least > 0.0 else None,
+        handedness if lower_limit > 0.0 else None,
         bool(has_direction.mean() >= _MIN_DIRECTEDNESS),
         float(scales.std(ddof=1)),
     )
@@ -110,14 +111,14 @@ def _spot_model(parts: Sequence[GoodPart], floors: FloatMap) -> SpotModel:
     def values(part: GoodPart) -> FloatMap:
         return spot_values(part.moments, floors, part.orientation_deg or 0.0)
 
-    rows = [subsampled(values(part), _MAX_SPOTS // len(parts)) for part in parts]
+    samples = [subsampled(values(part), _MAX_SPOTS // len(parts)) for part in parts]
     folds = min(len(parts), _FOLDS)
-    models = left_out_models(rows, folds)
+    models = left_out_models(samples, folds)
     highest = np.array([
         models[n % folds].scores(values(part)).max(axis=(1, 2)) for n, part in enumerate(parts)
     ])  # fmt: skip
     limits = np.array([_limit(departure, "spot") for departure in highest.T])
-    return SpotModel.of(np.hstack(rows)).with_limits(limits)
+    return SpotModel.of(np.hstack(samples)).with_limits(limits)
 
 
 def _limit(highest: npt.NDArray[Any], kind: str) -> float:
@@ -134,7 +135,7 @@ def _spread(logarithms: Floats) -> float:
 
 
 def scaled_surface(surface: SurfaceEstimate, scale: float) -> SurfaceEstimate:
-    """A part whose texture is larger by `scale`: its middle for a larger one, without gaps."""
+    """A part whose texture is larger by `scale`, cut to the frame, with all pixels valid."""
     fields = texture_fields(surface)
     rows, columns = surface.shape
     height, width = round(scale * rows), round(scale * columns)

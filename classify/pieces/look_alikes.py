@@ -10,11 +10,13 @@ import numpy.typing as npt
 from classify.base.arrays import Indices
 from classify.surface.estimate import FloatMap
 
-# Centres for each compared feature, and at most. Half are drawn at random, so that common windows
-# have many, and half by farthest-point sampling (Gonzalez 1985), so that rare ones have one.
+# Number of centres for each compared feature, and largest number. Half of the centres are drawn at
+# random, so that common windows have many, and half by farthest-point sampling (Gonzalez 1985), so
+# that rare ones have one.
 # With 150 instead of 400 windows of 4 features twice as many holes of 80 px passed.
 _CENTRES_PER_FEATURE, _MAX_CENTRES = 100, 1000
-# Pairs of look-alikes whose differences give the whitening, and rounds of pairing and whitening.
+# Number of pairs of look-alikes whose differences give the whitening, and of rounds of pairing and
+# whitening.
 _PAIRS, _ROUNDS = 1500, 2
 # Ridge on the variances of the features; more where few windows measure them.
 _RIDGE = 0.05
@@ -36,28 +38,29 @@ class LookAlikes:
 
     @classmethod
     def of(cls, windows: Sequence[FloatMap], columns: Sequence[int]) -> tuple[Self, list[FloatMap]]:
-        """Learn from the (n, FEATURES) windows of good parts; return the model, and the scores of
-        each part by the others.
+        """Learn from the (n, FEATURES) windows of good parts.
+
+        Returns the model, and the scores of each part by the others.
         """
         features = np.concatenate(windows)
-        chosen = features[:, columns]
+        compared = features[:, columns]
         parts = np.repeat(np.arange(len(windows)), [len(part) for part in windows])
         order = np.random.default_rng(_SEED).permutation(len(features))
-        whitening = _whitening(chosen, parts, order)
-        centres = _centres(chosen @ whitening, order)
-        pairs = _Pairs.of(chosen @ whitening, parts, centres)
+        whitening = _whitening(compared, parts, order)
+        centres = _centres(compared @ whitening, order)
+        pairs = _Pairs.of(compared @ whitening, parts, centres)
         scores: list[FloatMap] = [np.zeros(0, np.float32)] * len(windows)
         for half in (0, 1):
             # Cross-validation: parts are scored by a whitening from the other half, which needs two
             # parts.
             others = order[parts[order] % 2 != half] if len(windows) > 3 else order
-            left_out_whitening = _whitening(chosen, parts, others)
-            left_out = _Pairs.of(chosen @ left_out_whitening, parts, centres)
+            left_out_whitening = _whitening(compared, parts, others)
+            left_out = _Pairs.of(compared @ left_out_whitening, parts, centres)
             for part in range(half, len(windows), 2):
                 scores[part] = left_out.scores_of(part)
         rows = np.zeros((features.shape[1], len(columns)), np.float32)
         rows[list(columns)] = whitening
-        return cls(rows, (chosen @ whitening)[centres], pairs.spreads()), scores
+        return cls(rows, (compared @ whitening)[centres], pairs.spreads()), scores
 
     def scores(self, features: FloatMap) -> FloatMap:
         """(n,) squared distances of (n, FEATURES) windows, in units of the spread there."""
@@ -71,7 +74,7 @@ class _Pairs:
 
     nearest: list[Indices]
     squares: list[FloatMap]
-    centres: int
+    centre_count: int
 
     @classmethod
     def of(cls, whitened: FloatMap, parts: Indices, centres: Indices) -> Self:
@@ -89,8 +92,8 @@ class _Pairs:
         used = [part for part in range(len(self.nearest)) if part != without]
         nearest = np.concatenate([self.nearest[part] for part in used])
         squares = np.concatenate([self.squares[part] for part in used])
-        sums = np.bincount(nearest, squares, self.centres)
-        counts = np.bincount(nearest, minlength=self.centres)
+        sums = np.bincount(nearest, squares, self.centre_count)
+        counts = np.bincount(nearest, minlength=self.centre_count)
         prior = _PRIOR_WINDOWS * squares.mean()
         spreads = (sums + prior) / (counts + _PRIOR_WINDOWS)
         return np.asarray(np.maximum(spreads, _MIN_VARIANCE), np.float32)
@@ -107,10 +110,10 @@ def _whitening(features: FloatMap, parts: Indices, order: Indices) -> FloatMap:
     for _ in range(_ROUNDS):
         centres, differences = features[candidates] @ whitening, []
         for part in np.unique(parts[pairs]):
-            own = pairs[parts[pairs] == part]
-            nearest, _ = _nearest(features[own] @ whitening, centres, parts[candidates] != part)
+            of_part = pairs[parts[pairs] == part]
+            nearest, _ = _nearest(features[of_part] @ whitening, centres, parts[candidates] != part)
             look_alikes = features[candidates][nearest]
-            differences.append((features[own] - look_alikes).astype(np.float64))
+            differences.append((features[of_part] - look_alikes).astype(np.float64))
         rows = np.concatenate(differences)
         covariance = rows.T @ rows / len(rows)
         ridge = max(_RIDGE, len(covariance) / len(rows))
@@ -148,5 +151,5 @@ def _nearest(
     squares = whitened @ (-2.0 * centres.T)
     squares += lengths
     nearest = squares.argmin(axis=1)
-    least = squares[np.arange(len(whitened)), nearest] + np.square(whitened).sum(axis=1)
-    return nearest, np.maximum(least, 0.0)
+    nearest_squares = squares[np.arange(len(whitened)), nearest] + np.square(whitened).sum(axis=1)
+    return nearest, np.maximum(nearest_squares, 0.0)

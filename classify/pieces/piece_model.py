@@ -44,8 +44,9 @@ _MIN_VARIANCE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class _LinearMeasure:
-    """How far features lie along a direction, (features - origin) @ weights: 1 at origin +
-    direction.
+    """How far features lie along a direction: (features - origin) @ weights.
+
+    It is 0 at the origin and 1 at origin + direction.
     """
 
     origin: Floats  # (d,)
@@ -53,19 +54,21 @@ class _LinearMeasure:
 
     @classmethod
     def of(cls, good: Floats, direction: Floats, origin: Floats | None = None) -> Self:
-        """Weights of the direction with the least variance on (n, d) good parts (Fisher 1936);
-        `origin` is their mean.
+        """Measure of a direction with the least variance on (n, d) good parts (Fisher 1936).
+
+        The origin is by default their mean.
         """
-        middle = good.mean(axis=0)
-        deviations = good - middle
+        mean = good.mean(axis=0)
+        deviations = good - mean
         covariance = deviations.T @ deviations / (len(good) - 1)
         variances = np.diag(np.diag(covariance) + _MIN_VARIANCE)
-        share = _MIN_SHRINKAGE + (1.0 - _MIN_SHRINKAGE) / (len(good) - 1)
-        weights = np.linalg.solve((1.0 - share) * covariance + share * variances, direction)
+        shrinkage = _MIN_SHRINKAGE + (1.0 - _MIN_SHRINKAGE) / (len(good) - 1)
+        shrunk = (1.0 - shrinkage) * covariance + shrinkage * variances
+        weights = np.linalg.solve(shrunk, direction)
         response = float(direction @ weights)
         if response > 0.0:
             weights /= response
-        return cls(middle if origin is None else origin, weights)
+        return cls(mean if origin is None else origin, weights)
 
     def of_part(self, features: Floats) -> float:
         """Measure of a part with (d,) features."""
@@ -73,8 +76,9 @@ class _LinearMeasure:
 
 
 def scale_measure(good: Floats, direction: Floats) -> tuple[_LinearMeasure, Floats]:
-    """Measure of the logarithm of the scale by its `direction`, and the left-out measure of good
-    parts.
+    """Measure of the logarithm of the scale, along its `direction`.
+
+    Returns the measure, and that of each good part by the others.
     """
     left_out = [
         _LinearMeasure.of(np.delete(good, n, axis=0), direction).of_part(part)
@@ -100,8 +104,10 @@ def octave_levels(moments: FloatMap) -> Floats:
 
 
 def pseudo_scalars(moments: FloatMap) -> Floats:
-    """Imaginary parts of conj(u) v of equal spin, of two octaves or of relief and albedo: rotations
-    keep them, a mirror changes their sign.
+    """Imaginary parts of conj(u) v, with u and v of two octaves, or of relief and albedo.
+
+    Rotations keep them, because u and v have the same spin, the multiple of the rotation by which
+    their angles change; a mirror changes their sign.
     """
     squares, fourths, albedos = [], [], []
     for octave in range(OCTAVES):
@@ -112,21 +118,21 @@ def pseudo_scalars(moments: FloatMap) -> Floats:
         squares.append((c2 + 1j * s2) / unit)
         fourths.append((c4 + 1j * s4) / unit)
         albedos.append((pa + 1j * qa) / np.sqrt(unit * max(float(albedo.mean()), 1e-12)))
-    return np.array([*_angles_between(squares, fourths, albedos)])
+    return np.array([*_imaginary_products(squares, fourths, albedos)])
 
 
-def _angles_between(
+def _imaginary_products(
     squares: list[_Complex], fourths: list[_Complex], albedos: list[_Complex]
 ) -> Iterator[float]:
     """Imaginary parts of conj(u) v of all pairs of fields with spin 1, 2 or 4."""
     means = [
         [np.asarray(field.mean()) for field in fields] for fields in (squares, fourths, albedos)
     ]
-    for twos, fours, ones in ((squares, fourths, albedos), means):
+    for spin_2, spin_4, spin_1 in ((squares, fourths, albedos), means):
         for fields in (
-            ones,
-            [*twos, *(field**2 for field in ones)],
-            [*fours, *(field**2 for field in twos)],
+            spin_1,
+            [*spin_2, *(field**2 for field in spin_1)],
+            [*spin_4, *(field**2 for field in spin_2)],
         ):
             for u, v in combinations(fields, 2):
                 yield float((u.conj() * v).imag.mean())
@@ -209,13 +215,17 @@ class PieceModel:
         }
         for name, size, _ in VIEWS:
             scores = np.sqrt(self.views[name].scores(features[size]))
-            _cover(maps[name.partition("_")[0]], scores.reshape(windows[size].shape[:2]), size)
-        cells = [scores.repeat(2, axis=0).repeat(2, axis=1) for scores in maps.values()]
+            _raise_cells(
+                maps[name.partition("_")[0]], scores.reshape(windows[size].shape[:2]), size
+            )
+        window_map, seam_map = (
+            scores.repeat(2, axis=0).repeat(2, axis=1) for scores in maps.values()
+        )
         departures = np.abs(octave_levels(pairs) - self.octave_means) / self.octave_limits
         hand = self.handedness
         return PieceMeasures(
-            np.maximum(cells[0], spots),
-            cells[1],
+            np.maximum(window_map, spots),
+            seam_map,
             float(departures.max()),
             float(np.exp(self.scale.of_part(rings))),
             None if hand is None else hand.of_part(pseudo_scalars(pairs)),
@@ -235,7 +245,8 @@ class PieceModel:
         """Read a ``.ps4piece`` file; PieceModelError, which names it, if it cannot be used."""
         arrays = read_arrays(Path(path), _KIND, _shapes())
         views = {
-            name: LookAlikes(*(arrays[f"{name}_{part}"] for part in _PARTS)) for name, _, _ in VIEWS
+            name: LookAlikes(*(arrays[f"{name}_{part}"] for part in _LOOK_ALIKE_ARRAYS))
+            for name, _, _ in VIEWS
         }
         hand = arrays["handedness_weights"]
         return cls(
@@ -268,11 +279,11 @@ class PieceModel:
             else self.handedness.weights,
         }
         for name, view in self.views.items():
-            arrays |= {f"{name}_{part}": getattr(view, part) for part in _PARTS}
+            arrays |= {f"{name}_{part}": getattr(view, part) for part in _LOOK_ALIKE_ARRAYS}
         return arrays
 
 
-_PARTS = ("whitening", "centres", "spreads")
+_LOOK_ALIKE_ARRAYS = ("whitening", "centres", "spreads")
 
 
 def _shapes() -> dict[str, tuple[int | None, ...]]:
@@ -296,12 +307,12 @@ def _shapes() -> dict[str, tuple[int | None, ...]]:
     return shapes
 
 
-def _cover(cells: FloatMap, scores: FloatMap, size: int) -> None:
+def _raise_cells(cells: FloatMap, scores: FloatMap, size: int) -> None:
     """Raise each cell to the largest score of the windows around it."""
     half = max(size // 2, 1)
     blocks = np.kron(scores, np.ones((half, half), np.float32))
     rows, columns = blocks.shape
     for top in range(0, size, half):
         for left in range(0, size, half):
-            place = cells[top : top + rows, left : left + columns]
-            np.maximum(place, blocks[: place.shape[0], : place.shape[1]], out=place)
+            covered = cells[top : top + rows, left : left + columns]
+            np.maximum(covered, blocks[: covered.shape[0], : covered.shape[1]], out=covered)

@@ -26,28 +26,29 @@ _MARGIN = 3
 
 _FINE_OCTAVES = OCTAVES - 1  # pixels of the coarsest octave are larger than a cell
 # Columns of the energies: finest octave and others, of slopes, then of log albedo.
-_ENERGIES = [c for n, c in enumerate(energy_columns()) if n % (OCTAVES + 1) < OCTAVES]
+_ENERGY_COLUMNS = [c for n, c in enumerate(energy_columns()) if n % (OCTAVES + 1) < OCTAVES]
 # Measured rings as (radius in cells, template): levels of log albedo in a stain of 60 px, and
 # outward slopes in a dent of 40 px.
 _LEVELS, _SLOPES = ((0.0, 1.0), (1.0, 0.92), (2.0, 0.63)), ((1.0, 1.0), (2.0, 0.6))
-# Radii in cells of the rings of the surroundings, and points on a ring. A hole of 40 px leaves the
-# first ring as it is, a stain reaches it by this share. On the even materials of
+# Radii in cells of the rings of the surroundings, number of points on a ring, and share of the
+# level of a stain on the first ring. A hole of 40 px does not reach it. On the even materials of
 # `python -m tests.evidence.wrong_passes`, three rings found no more defects.
 _RINGS, _POINTS, _STAIN_ON_RING = (3.5, 5.5), 8, 0.16
-_MEASURED, _PLANES = len(_ENERGIES) + len(_LEVELS) + len(_SLOPES), len(_ENERGIES) + 3
-_AROUND = len(_RINGS) * _POINTS * _PLANES + _POINTS // 2 * _FINE_OCTAVES
-SPOT_VALUES = _MEASURED + _AROUND
+_MEASURED_COUNT = len(_ENERGY_COLUMNS) + len(_LEVELS) + len(_SLOPES)
+_PLANE_COUNT = len(_ENERGY_COLUMNS) + 3
+_AROUND_COUNT = len(_RINGS) * _POINTS * _PLANE_COUNT + _POINTS // 2 * _FINE_OCTAVES
+SPOT_VALUES = _MEASURED_COUNT + _AROUND_COUNT
 """Number of values of a spot: first the values in it, then the values of its surroundings."""
 
 # Columns of the energies of slopes, and of their second harmonics, even and odd.
-_DIRECTED = [2 + PRODUCTS * octave + n for n in range(3) for octave in range(_FINE_OCTAVES)]
+_DIRECTED_COLUMNS = [2 + PRODUCTS * octave + n for n in range(3) for octave in range(_FINE_OCTAVES)]
 _DISC = np.array([[0, 1, 0], [1, 1, 1], [0, 1, 0]], np.float32) / np.float32(5)
 _BOX = np.full((3, 3), 1 / 9, np.float32)
 _GAUSSIAN = np.outer(*[np.asarray(cv2.getGaussianKernel(5, 0.6), np.float32)] * 2)
 _PADDING = 4  # cells; more than the largest radius beyond the margin
 _MIN_ENERGY = np.float32(1e-6)
 _RIDGE = 0.01  # ridge of the regression, as a share of the variances; more for few spots
-# Floor of squares before logarithms, as a share of their mean; largest log size of an error.
+# Floor of squares before logarithms, as a share of their mean, and largest log size of an error.
 _FLOOR_SHARE, _MAX_LOG_SIZE = 0.05, 1.5
 
 
@@ -57,10 +58,10 @@ def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> 
     values = np.empty((SPOT_VALUES, rows - 2 * _MARGIN, columns - 2 * _MARGIN), np.float32)
     # A match knows the orientation modulo 180 degrees.
     orientation = np.radians(orientation_deg % 180.0)
-    energies = _planes(moments, _ENERGIES) + floors[_ENERGIES, None, None]
+    energies = _planes(moments, _ENERGY_COLUMNS) + floors[_ENERGY_COLUMNS, None, None]
     means = _planes(moments, [-3, -2, -1])
-    values[: len(_ENERGIES)] = _logs(_inside(_filtered(energies, _DISC)))
-    row = len(_ENERGIES)
+    values[: len(_ENERGY_COLUMNS)] = _logs(_inside(_filtered(energies, _DISC)))
+    row = len(_ENERGY_COLUMNS)
     for radius, _ in _LEVELS:
         values[row] = _inside(_filtered(means[2:], _ring(radius)[0]))[0]
         row += 1
@@ -77,13 +78,15 @@ def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> 
         for angle in directions:
             _shift(padded, radius, angle, values[row : row + len(padded)])
             row += len(padded)
-    values[row:] = _joints(_filtered(_planes(moments, _DIRECTED), _DISC), floors, directions)
+    directed = _filtered(_planes(moments, _DIRECTED_COLUMNS), _DISC)
+    values[row:] = _joints(directed, floors, directions)
     return values
 
 
 def _joints(planes: FloatMap, floors: FloatMap, directions: Floats) -> FloatMap:
-    """Log energy of slopes across a line through the spot: the lesser of its ends, which a joint
-    has at both, on the first ring.
+    """Log energy of slopes across a line through the spot: the lesser of its two ends.
+
+    The ends are on the first ring. A joint has energy at both.
     """
     energies, even, odd = np.split(planes, 3)
     shape = [side - 2 * _MARGIN for side in planes.shape[1:]]
@@ -91,7 +94,7 @@ def _joints(planes: FloatMap, floors: FloatMap, directions: Floats) -> FloatMap:
     for angle, shifted in zip(directions, energies_at, strict=True):
         c, s = np.float32(np.cos(2.0 * angle)), np.float32(np.sin(2.0 * angle))
         across = np.float32(0.5) * (energies - c * even - s * odd)
-        across = np.maximum(across, 0.0) + floors[_DIRECTED[:_FINE_OCTAVES], None, None]
+        across = np.maximum(across, 0.0) + floors[_DIRECTED_COLUMNS[:_FINE_OCTAVES], None, None]
         _shift(_padded(across), _RINGS[0], angle, shifted)
     lesser = np.minimum(*np.split(energies_at, 2))
     return _logs(lesser.reshape(-1, *shape))
@@ -161,8 +164,9 @@ def _ring(radius: float) -> tuple[FloatMap, FloatMap, FloatMap]:
 
 @dataclass(frozen=True, eq=False)
 class SpotModel:
-    """Linear map from the values of a spot to its k departures from the surroundings, in their
-    limits, and log sizes.
+    """Linear map from the values of a spot to its k departures from the surroundings.
+
+    The departures are in units of their limits; k further results are the log sizes of the errors.
     """
 
     weights: FloatMap  # (SPOT_VALUES, 2 k)
@@ -171,25 +175,28 @@ class SpotModel:
     @classmethod
     def of(cls, values: FloatMap) -> Self:
         """Learn from (SPOT_VALUES, n) values of good spots."""
-        measured, around = np.split(values.T.astype(np.float64), [_MEASURED], axis=1)
-        middle, mean = measured.mean(axis=0), around.mean(axis=0)
+        measured, around = np.split(values.T.astype(np.float64), [_MEASURED_COUNT], axis=1)
+        measured_mean, around_mean = measured.mean(axis=0), around.mean(axis=0)
         unit = around.std(axis=0) + 1e-4
-        around, measured = (around - mean) / unit, measured - middle
+        around, measured = (around - around_mean) / unit, measured - measured_mean
         covariance = around.T @ around / len(around)
         covariance += max(_RIDGE, len(covariance) / len(around)) * np.eye(len(covariance))
         expected = np.linalg.solve(covariance, around.T @ measured / len(around))
         # A stain reaches the levels of the first ring, which then predict a part of it.
-        excused = (expected / unit[:, None])[: _POINTS * _PLANES : _PLANES].sum(axis=0)
-        to_departures = _to_departures(measured - around @ expected, _STAIN_ON_RING * excused)
-        departures = (measured - around @ expected) @ to_departures
+        first_ring = (expected / unit[:, None])[: _POINTS * _PLANE_COUNT : _PLANE_COUNT]
+        errors = measured - around @ expected
+        to_departures = _to_departures(errors, _STAIN_ON_RING * first_ring.sum(axis=0))
+        departures = errors @ to_departures
         squares = departures**2
         logs = 0.5 * np.log(squares + _FLOOR_SHARE * squares.mean(axis=0) + 1e-12)
         logs -= logs.mean(axis=0)
         sizes = np.linalg.solve(covariance, around.T @ logs / len(around))
         to_departures /= np.sqrt((squares * np.exp(-2.0 * _bounded(around @ sizes))).mean(axis=0))
-        left, right = -(expected @ to_departures) / unit[:, None], sizes / unit[:, None]
-        weights = np.block([[to_departures, np.zeros_like(to_departures)], [left, right]])
-        offsets = -np.concatenate([middle, mean]) @ weights
+        weights = np.block([
+            [to_departures, np.zeros_like(to_departures)],
+            [-(expected @ to_departures) / unit[:, None], sizes / unit[:, None]],
+        ])  # fmt: skip
+        offsets = -np.concatenate([measured_mean, around_mean]) @ weights
         return cls(weights.astype(np.float32), offsets.astype(np.float32))
 
     def scores(self, values: FloatMap) -> FloatMap:
@@ -215,25 +222,25 @@ def _bounded(logs: Array) -> Array:
     return np.clip(logs, -_MAX_LOG_SIZE, _MAX_LOG_SIZE)
 
 
-def _to_departures(errors: Floats, excused: Floats) -> Floats:
+def _to_departures(errors: Floats, expected_level: Floats) -> Floats:
     """(values, departures) matched filters (North 1943) of the errors of good spots."""
     covariance = errors.T @ errors / len(errors)
     covariance += np.diag(0.01 * np.diag(covariance) + 1e-9)
-    count, last = len(_ENERGIES), _MEASURED - len(_SLOPES)
-    stain, dent = -excused, np.zeros(_MEASURED)
-    stain[count:last] += [length for _, length in _LEVELS]
-    dent[last:] = [length for _, length in _SLOPES]
+    count, last = len(_ENERGY_COLUMNS), _MEASURED_COUNT - len(_SLOPES)
+    stain, dent = -expected_level, np.zeros(_MEASURED_COUNT)
+    stain[count:last] += [value for _, value in _LEVELS]
+    dent[last:] = [value for _, value in _SLOPES]
     # The filter of missing texture uses energies alone: how a missing texture changes the level or
     # the slopes is unknown.
-    energy_filter = np.zeros(_MEASURED)
+    energy_filter = np.zeros(_MEASURED_COUNT)
     energy_filter[:count] = np.linalg.solve(covariance[:count, :count], -np.ones(count))
     filters = (np.linalg.solve(covariance, template) for template in (stain, dent))
     return np.column_stack([energy_filter, *filters])
 
 
-def subsampled(values: FloatMap, most: int) -> FloatMap:
-    """An even grid of about `most` spots of (SPOT_VALUES, h, w) values: (SPOT_VALUES, n)."""
-    step = max(2, round(np.sqrt(values[0].size / most)))
+def subsampled(values: FloatMap, count: int) -> FloatMap:
+    """Values (SPOT_VALUES, n) on a grid of about `count` spots of (SPOT_VALUES, h, w)."""
+    step = max(2, round(np.sqrt(values[0].size / count)))
     return values[:, ::step, ::step].reshape(SPOT_VALUES, -1)
 
 

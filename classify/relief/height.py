@@ -46,7 +46,9 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
     divergence[1:, :] -= along_rows
 
     spectrum = scipy.fft.dctn(divergence, type=2, norm="ortho", workers=thread_count())
-    eigenvalues = _second_difference(rows)[:, None] + _second_difference(columns)
+    eigenvalues = _second_difference_eigenvalues(rows)[:, None] + _second_difference_eigenvalues(
+        columns
+    )
     eigenvalues[0, 0] = 1.0
     spectrum /= eigenvalues
     spectrum[0, 0] = 0.0
@@ -54,7 +56,7 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
     return height
 
 
-def _second_difference(length: int) -> FloatMap:
+def _second_difference_eigenvalues(length: int) -> FloatMap:
     """Eigenvalues 2 cos(pi k / length) - 2 of the second difference, exact in float32."""
     sine = np.sin(0.5 * np.pi * np.arange(length) / length)
     return (-4.0 * sine * sine).astype(np.float32)

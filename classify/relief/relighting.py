@@ -24,8 +24,10 @@ _NO_HORIZON = -1e30
 
 
 def cast_shadow(height: FloatMap, direction: npt.ArrayLike) -> BoolArray:
-    """(H, W) points x of a height in px in shadow: z(x + d) - z(x) > d cot(slant) along the azimuth
-    of `direction` (x right, y up, z > 0).
+    """(H, W) whether the points of a height in px are in shadow.
+
+    A point x is if z(x + d) - z(x) > d cot(slant) for a distance d along the azimuth of
+    `direction`, which is (x right, y up, z > 0).
     """
     light = np.asarray(direction, dtype=np.float64)
     if np.ndim(height) != 2 or light.shape != (3,):
@@ -80,23 +82,24 @@ def _horizons(
     first_line: int, last_line: int, height: Array, rows_per_col: float, rise_per_col: float,
     row_of_line_0: int, horizon: Array,
 ) -> None:  # fmt: skip
-    """Horizon towards the last column on line k, which crosses column c at row_of_line_0 + k + c
-    rows_per_col.
+    """Write the horizon towards the last column on lines k.
+
+    Line k crosses column c at row_of_line_0 + k + c rows_per_col.
     """
     rows, cols = height.shape
     for k in range(first_line, last_line):
-        above = _NO_HORIZON
+        ray = _NO_HORIZON
         for c in range(cols - 1, -1, -1):
-            # The horizon at (k, c) depends on the columns nearer to the light alone.
-            horizon[k, c] = above
+            # The horizon at (k, c) depends only on the columns nearer to the light.
+            horizon[k, c] = ray
             row = row_of_line_0 + k + c * rows_per_col
             if -1.0 < row < rows:
                 upper = math.floor(row)
                 share = row - upper
                 z0 = height[max(upper, 0), c]
                 z1 = height[min(upper + 1, rows - 1), c]
-                above = max(above, z0 + share * (z1 - z0))
-            above -= rise_per_col
+                ray = max(ray, z0 + share * (z1 - z0))
+            ray -= rise_per_col
 
 
 @kernel
@@ -155,13 +158,15 @@ def relight(surface: SurfaceEstimate, lighting: Lighting) -> FloatMap:
 
 
 _STEPS_BETWEEN_LIGHTS = 4
-# With less of the surface in shadow, noise causes most errors, whatever the orientation.
+# Least share of the surface in shadow. With less, noise causes most errors, whatever the
+# orientation.
 _MIN_SHADOW = 0.01
 
 
 def under_rotated_lights(surface: SurfaceEstimate) -> Iterator[SurfaceEstimate]:
-    """Yield three estimates with the part rotated by quarters of the angle between lights; none
-    without lighting, by PS3, or under 1 % of shadow.
+    """Yield three estimates with the part rotated by quarters of the angle between lights.
+
+    There are none without lighting, by PS3, or with less than 1 % of shadow.
     """
     lighting = surface.lighting
     # PS3 chooses lights by their tilt: rotated, it would choose others.

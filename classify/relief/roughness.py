@@ -109,12 +109,12 @@ def _levelled(height: FloatMap, valid: BoolArray) -> FloatMap:
     rows, columns = valid.shape
     # Coordinates within [-1, 1] keep the normal equations well conditioned in any frame.
     y, x = np.linspace(1.0, -1.0, rows), np.linspace(-1.0, 1.0, columns)
-    of_row, of_column = (valid.sum(axis=axis, dtype=np.float64) for axis in (1, 0))
-    height_of_row, height_of_column = (height.sum(axis=axis, dtype=np.float64) for axis in (1, 0))
-    n, s_x, s_y, s_xy = of_row.sum(), of_column @ x, of_row @ y, y @ (valid @ x)
-    products = [[n, s_x, s_y], [s_x, of_column @ x**2, s_xy], [s_y, s_xy, of_row @ y**2]]
-    moments = [height_of_row.sum(), height_of_column @ x, height_of_row @ y]
-    # Of least norm, because one pixel or one row does not determine a plane.
+    row_counts, column_counts = (valid.sum(axis=axis, dtype=np.float64) for axis in (1, 0))
+    row_heights, column_heights = (height.sum(axis=axis, dtype=np.float64) for axis in (1, 0))
+    n, s_x, s_y, s_xy = row_counts.sum(), column_counts @ x, row_counts @ y, y @ (valid @ x)
+    products = [[n, s_x, s_y], [s_x, column_counts @ x**2, s_xy], [s_y, s_xy, row_counts @ y**2]]
+    moments = [row_heights.sum(), column_heights @ x, row_heights @ y]
+    # The solution of least norm, because one pixel or one row does not determine a plane.
     level, along_x, along_y = np.linalg.lstsq(products, moments, rcond=1e-9)[0]
     plane = (level + along_y * y).astype(np.float32)[:, None] + (along_x * x).astype(np.float32)
     levelled: FloatMap = (height - plane) * valid
@@ -133,13 +133,11 @@ _MIN_DIVISOR = 1e-12
 
 @dataclass(frozen=True)
 class RoughnessUncertainty:
-    """Parameters without noise bias, and expanded uncertainties (k = 2), in units of `Roughness`;
-    `height_sd_px` is of height differences by distance in px.
-    """
+    """Parameters without noise bias, and expanded uncertainties (k = 2) in their units."""
 
     corrected: Roughness
     expanded: Roughness
-    height_sd_px: dict[float, float]
+    height_sd_px: dict[float, float]  # of height differences, by distance in px
 
 
 def roughness_uncertainty(
@@ -152,19 +150,20 @@ def roughness_uncertainty(
     solved = valid if surface.repaired is None else valid & ~surface.repaired
     variance = sum(_mean_square(plane, solved) for plane in (surface.p_sd, surface.q_sd))
     bias = variance * np.count_nonzero(solved) / count
-    completed = sum(
+    repaired_variance = sum(
         _mean_square(plane, valid & ~solved) for plane in (surface.p_sd, surface.q_sd)
     ) * (1.0 - np.count_nonzero(solved) / count)
     noise = _HeightNoise.of(surface.shape)
     sq_bias = 0.5 * variance * noise.mean
     sdq = math.sqrt(max(roughness.sdq**2 - bias, 0.0))
     sq = math.sqrt(max(roughness.sq_px**2 - sq_bias, 0.0))
-    # Errors of all slopes alike change Sdq by their root mean square in one direction; the
-    # correction is known to its own size; completed slopes change Sdq^2 by at most their variance.
+    # Three errors of Sdq. An error that all slopes have in common changes it by its root mean
+    # square in one direction. The correction is uncertain by its own size. Repaired slopes change
+    # Sdq^2 by at most their variance.
     u_sdq = math.hypot(
         math.sqrt(0.5 * variance),
         (roughness.sdq - sdq) / math.sqrt(3.0),
-        completed / max(2.0 * roughness.sdq, _MIN_DIVISOR),
+        repaired_variance / max(2.0 * roughness.sdq, _MIN_DIVISOR),
     )
     share = u_sdq / max(roughness.sdq, _MIN_DIVISOR)
     u_sq = math.hypot(share * roughness.sq_px, (roughness.sq_px - sq) / math.sqrt(3.0))
@@ -210,9 +209,10 @@ class _HeightNoise:
 
     @property
     def mean(self) -> float:
-        """Mean variance of a height without its plane, which is nearly the two longest waves."""
+        """Mean variance of a height without its plane."""
         power = self.power.copy()
-        power[:2, :2] *= np.array([[1.0, 0.0], [0.0, 1.0]])[: power.shape[0], : power.shape[1]]
+        # A plane is nearly the sum of the longest wave along rows and that along columns.
+        power[:1, 1:2] = power[1:2, :1] = 0.0
         return float(power.mean())
 
     def of_difference(self, distance_px: float) -> float:
@@ -236,8 +236,9 @@ class _CommonError:
 def common_error(
     surface: SurfaceEstimate, lights: CalibratedLights, response_error: float = 0.0
 ) -> _CommonError:
-    """Propagate errors of lights, b' = L+ L' b with the misfit as levels, and of the response (a
-    share of full scale).
+    """Propagate errors of the calibrated lights and of the response, a share of full scale.
+
+    With wrong lights L' the solution is b' = L+ L' b. The misfit counts as errors of the levels.
     """
     lighting = surface.lighting
     assert lighting is not None
@@ -262,10 +263,10 @@ def common_error(
         value = response_error / lighting.intensities[k]
         changes.append(value * np.sqrt(1.0 + p * p + q * q) / np.maximum(albedo, _MIN_DIVISOR))
         for change in changes:
-            off_x, off_y, off_z = b + weights[:, k, None] * change
-            off = np.stack([-off_x / off_z - p, -off_y / off_z - q])
-            means += np.square(off.mean(axis=1))
-            squares += float(np.square(off).sum(axis=0).mean())
-            changed = math.sqrt(float(np.mean(np.square(off - b[:2]).sum(axis=0))))
-            sdqs += (changed - sdq) ** 2
+            changed_x, changed_y, changed_z = b + weights[:, k, None] * change
+            errors = np.stack([-changed_x / changed_z - p, -changed_y / changed_z - q])
+            means += np.square(errors.mean(axis=1))
+            squares += float(np.square(errors).sum(axis=0).mean())
+            changed_sdq = math.sqrt(float(np.mean(np.square(errors - b[:2]).sum(axis=0))))
+            sdqs += (changed_sdq - sdq) ** 2
     return _CommonError(math.sqrt(float(means.sum())), math.sqrt(squares), math.sqrt(sdqs))

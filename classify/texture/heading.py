@@ -16,7 +16,11 @@ MIN_SCORE = 4.0
 """Least score of a heading, in standard deviations; test_heading.py tests for false ones."""
 
 HEADING_SUMS = 13
+"""Number of sums of `add_row`: |g|^2, and real and imaginary parts of the moments."""
+
 TILE = 128
+"""Number of columns whose sums are stored side by side."""
+
 MOMENTS = 6
 _MAX_LEVELS = 4
 HEADING_FLOATS = 3 * MOMENTS * _MAX_LEVELS
@@ -32,8 +36,9 @@ _Complex = npt.NDArray[np.complex128]
 
 @kernel
 def add_row(x_row: Array, y_row: Array, z_row: Array, a_row: Array, sums: Array) -> None:
-    """Add |g|^2 and the moments to the sums of `TILE` columns, at fixed distances, which compilers
-    vectorise.
+    """Add |g|^2 and the moments to the sums of each column.
+
+    Sums of `TILE` columns have fixed distances in memory, so that the compiler vectorises.
     """
     three = np.float32(3.0)
     for tile in range(len(x_row) // TILE):
@@ -107,12 +112,12 @@ def heading_features(moments: _Complex, typical: Floats) -> FloatMap:
 def heading_scores(test: FloatMap, references: FloatMap, orientations_deg: Floats) -> Floats:
     """(n,) scores of orientations against the opposite ones, in standard deviations; 0 for none."""
     size = MOMENTS * _MAX_LEVELS
-    own = test[:size] + 1j * test[size : 2 * size]
-    others = references[:, :size] + 1j * references[:, size : 2 * size]
+    test_moments = test[:size] + 1j * test[size : 2 * size]
+    moments = references[:, :size] + 1j * references[:, size : 2 * size]
     weights = references[:, 2 * size :]
-    rotated = own * np.exp(-1j * np.radians(orientations_deg)[:, None] * _SPINS)
-    agreement = (weights * (rotated * others.conj()).real).sum(axis=1)
-    energy = (weights * np.square(np.abs(others))).sum(axis=1)
+    rotated = test_moments * np.exp(-1j * np.radians(orientations_deg)[:, None] * _SPINS)
+    agreement = (weights * (rotated * moments.conj()).real).sum(axis=1)
+    energy = (weights * np.square(np.abs(moments))).sum(axis=1)
     noise = np.sqrt(0.5 * np.maximum(energy, 0.0))
     scores: Floats = np.divide(agreement, noise, out=np.zeros(len(noise)), where=noise > 0.0)
     return scores

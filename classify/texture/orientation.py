@@ -26,8 +26,9 @@ STEP_DEG = 180.0 / ANGLES
 def squared_errors_by_shift(
     test: npt.NDArray[np.floating], references: npt.NDArray[np.floating]
 ) -> Floats:
-    """(n, A) sums of (test(theta + phi) - reference(theta))^2 by phi, by FFT (thesis 6.4.6); entry
-    j shifts the reference by j steps anticlockwise.
+    """(n, A) sums of (test(theta + phi) - reference(theta))^2 by phi, by FFT (thesis 6.4.6).
+
+    Entry j shifts the reference by j steps anticlockwise.
     """
     between = tuple(range(1, references.ndim - 1))
     cross = np.fft.rfft(test.astype(np.float64)) * np.conj(
@@ -52,11 +53,11 @@ def _refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)
     row = np.arange(len(errors))
-    before, least, after = (errors[row, (lowest + step) % count] for step in (-1, 0, 1))
-    curvature = before - 2.0 * least + after
+    before, minima, after = (errors[row, (lowest + step) % count] for step in (-1, 0, 1))
+    curvature = before - 2.0 * minima + after
     flat = curvature <= flat_below + 1e-30
     offset = np.where(flat, 0.0, 0.5 * (before - after) / np.where(flat, 1.0, curvature))
-    return lowest + offset, least - 0.25 * (before - after) * offset
+    return lowest + offset, minima - 0.25 * (before - after) * offset
 
 
 def roll_angles(polar: npt.NDArray[np.floating], shifts: Floats) -> Floats:
@@ -90,8 +91,8 @@ class OrientationProfile:
         around = self.agreement[[index - 1, index, (index + 1) % 180]]
         if around.argmax() != 1:
             return float(index), float(around[1])
-        offset, least = _refined_minima(-around[None, :], np.zeros(1))
-        return float((index - 1 + offset[0]) % 180.0), float(-least[0])
+        offset, minima = _refined_minima(-around[None, :], np.zeros(1))
+        return float((index - 1 + offset[0]) % 180.0), float(-minima[0])
 
 
 HARMONICS = 16
@@ -127,20 +128,20 @@ def least_error(test: Complex, references: Complex) -> _LeastError:
     correlations, zeroth, energies = _correlations(test, references)
     total = energies.sum(axis=1)
     errors = total[:, None] - 2.0 * correlations
-    shifts, least = _refined_minima(errors, _MIN_CURVATURE * total)
-    sharpness = np.clip(_agreed(correlations.max(axis=1), zeroth, energies), 0.0, 1.0)
+    shifts, minima = _refined_minima(errors, _MIN_CURVATURE * total)
+    sharpness = np.clip(_agreement(correlations.max(axis=1), zeroth, energies), 0.0, 1.0)
     # The second modulo: a remainder of -1e-17 is rounded up to 180.
     shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _STEP_DEG
-    return _LeastError(np.maximum(least, 0.0), shifts_deg, sharpness)
+    return _LeastError(np.maximum(minima, 0.0), shifts_deg, sharpness)
 
 
 def agreement_by_shift(test: Complex, references: Complex) -> Floats:
     """(n, 180) share of the energy of harmonics but 0 that agrees, at shifts of 0 to 179 deg."""
     correlations, zeroth, energies = _correlations(test, references)
-    return _agreed(correlations.T, zeroth, energies).T
+    return _agreement(correlations.T, zeroth, energies).T
 
 
-def _agreed(correlations: Floats, zeroth: Floats, energies: Floats) -> Floats:
+def _agreement(correlations: Floats, zeroth: Floats, energies: Floats) -> Floats:
     directional = np.maximum(energies[:, 1:].sum(axis=1), np.finfo(np.float64).tiny)
     agreed: Floats = 2.0 * (correlations - zeroth) / directional
     return agreed

@@ -17,7 +17,7 @@ _SPECTRA = 6
 # Number of partial sums. It is the same on every machine, because the order of additions decides
 # the last digits of a sum.
 _LANES = 4
-# With fewer pixels the work is done before another thread has started.
+# Least number of pixels for threads: less work is done before another thread has started.
 _FEW_PX = 1 << 17
 
 
@@ -31,8 +31,10 @@ def require_segment(shape: tuple[int, ...], side: int) -> None:
 
 
 def segment_powers(fields: TextureFields, side: int) -> FloatMap:
-    """Mean (side, 6, side // 2 + 1) of |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A*, Im
-    Q A* under a round Hann window, which rotates with the surface.
+    """Mean powers of segments, (side, 6, side // 2 + 1).
+
+    They are |P|^2 + |Q|^2, |P|^2 - |Q|^2, 2 Re P Q*, |A|^2, Im P A* and Im Q A*, under a round Hann
+    window, so that they rotate with the surface.
     """
     require_segment(fields.shape, side)
     rows, columns = (_starts(length, side) for length in fields.shape)
@@ -71,7 +73,10 @@ def _circular_hann(side: int) -> FloatMap:
 
 
 def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[Array]) -> FloatMap:
-    """Sum the powers of pairs of segments in the same memory: p and q of one, or albedo of both."""
+    """Sum the powers of pairs of segments, all in the same memory.
+
+    Two real planes are transformed as one complex plane: p and q of one segment, or albedo of both.
+    """
     side, window_sum = len(window), window.sum()
     sums = np.zeros((side, _SPECTRA, side // 2 + 1), np.float32)
     # Slopes of (segment, row, column, Re and Im); albedo of both segments in one.
@@ -110,18 +115,18 @@ def _write_complex(
     for r in range(side):
         real_row = _segment_row(real, real_corner, r, side)
         imaginary_row = _segment_row(imaginary, imaginary_corner, r, side)
-        # Flat, because compilers vectorise one index: half of the time.
-        line = segment[r].reshape(-1)
+        # With one index the compiler vectorises, which halves the time.
+        flat_row = segment[r].reshape(-1)
         for c in range(side):
-            line[2 * c] = (real_row[c] - real_mean) * window[r, c]
-            line[2 * c + 1] = (imaginary_row[c] - imaginary_mean) * window[r, c]
+            flat_row[2 * c] = (real_row[c] - real_mean) * window[r, c]
+            flat_row[2 * c + 1] = (imaginary_row[c] - imaginary_mean) * window[r, c]
 
 
 @kernel
 def _weighted_mean(
     plane: Array, corner: Array, window: Array, window_sum: np.float32
 ) -> np.float32:
-    # Sums of columns, which vectorise without changing the order of additions.
+    # One sum per column, which the compiler vectorises without a change of the order of additions.
     side = len(window)
     sums = np.zeros(side, np.float32)
     for r in range(side):

@@ -19,8 +19,8 @@ ANGLES = 90
 RADII = 28
 MIN_SEGMENT_PX = 32
 MAX_SEGMENT_PX = 256
-# The first and last radius, in bins and in Nyquist frequencies. Between them radii are geometric:
-# coarse and fine textures get equal shares. Bins 0 and 1 contain the window's own spectrum.
+# The first radius in bins, and the last in Nyquist frequencies. Radii between them are geometric,
+# so that coarse and fine textures get equal shares. Bins 0 and 1 contain the window's spectrum.
 _FIRST_BIN = 2.0
 _LAST_NYQUIST = 0.98
 
@@ -181,9 +181,9 @@ def _amplitudes(powers: Array, directions: Array) -> Array:
             cos_2, sin_2 = directions[2, r, c], directions[3, r, c]
             # The slope along the wave vector is cos P + sin Q = i k z, so that z has phase -i.
             relief = half * (gradient + cos_2 * difference + sin_2 * product)
-            both = cos * powers[r, 4, c] + sin * powers[r, 5, c]
+            co_spectrum = cos * powers[r, 4, c] + sin * powers[r, 5, c]
             target[4 * c] = np.sqrt(gradient)
             target[4 * c + 1] = np.sqrt(powers[r, 3, c])
             target[4 * c + 2] = np.sqrt(max(relief, zero))
-            target[4 * c + 3] = np.copysign(np.sqrt(abs(both)), both)
+            target[4 * c + 3] = np.copysign(np.sqrt(abs(co_spectrum)), co_spectrum)
     return amplitudes

@@ -33,10 +33,10 @@ _ENERGY_FLOOR = np.float32(0.01)
 # Share of the local relief energy that is added to the albedo energy: penumbra, gloss and unequal
 # lights leak about as much relief into a constant albedo.
 _LEAK = np.float32(0.025)
-# Rows and columns at the edge of the frame that the repeated border changes.
+# Number of rows and columns at each edge of the frame that the repeated border changes.
 _BORDER = 2
 _SUMS = 12
-# Rows whose sums are taken in single precision; larger blocks would lose digits.
+# Number of rows that are summed in single precision; larger blocks would lose digits.
 _ROWS = 64
 
 
@@ -84,9 +84,9 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         odd = np.empty((blocks if level else 0, 2, HEADING_SUMS), np.float64)
         respond = partial(_respond, *planes, p_mean, q_mean, edges, energy, block_sums, odd)
         run_on_rows(respond, (blocks, _ROWS * columns))
-        sums.append(_of_quarters(block_sums))
+        sums.append(_frame_and_quarter_sums(block_sums))
         if level:
-            odd_sums.append(_of_quarters(odd))
+            odd_sums.append(_frame_and_quarter_sums(odd))
         energies = [cv2.pyrDown(energies_before) for energies_before in energies] if level else []
         energies.append(energy)
     powers = np.stack(sums, axis=1)
@@ -108,10 +108,12 @@ def statistics_vector(
     albedo_floors: Floats,
     albedo_leaks: Floats | float = 0.0,
 ) -> Floats:
-    """(5, d) float64 statistics of order one: variances plus (levels,) floors, `albedo_leaks` of
-    relief counted as albedo.
+    """(5, d) float64 statistics of order one.
+
+    Variances are increased by (levels,) floors, and that of albedo by `albedo_leaks` times that of
+    relief.
     """
-    relief, albedo, relief_3, albedo_3, relief_4, albedo_4, both, _ = np.moveaxis(
+    relief, albedo, relief_3, albedo_3, relief_4, albedo_4, covariance, _ = np.moveaxis(
         measured.moments, 2, 0
     )
     albedo = albedo + albedo_floors + albedo_leaks * relief
@@ -123,13 +125,13 @@ def statistics_vector(
         np.tanh(0.5 * albedo_3 / albedo**1.5),
         np.log(np.maximum(4.0 + relief_4 / relief**2, 1.0)),
         np.log(np.maximum(4.0 + albedo_4 / albedo**2, 1.0)),
-        np.arctanh(np.clip(both / np.sqrt(relief * albedo), -0.99, 0.99)),
+        np.arctanh(np.clip(covariance / np.sqrt(relief * albedo), -0.99, 0.99)),
     ]
     spread = np.sqrt(np.diagonal(measured.energies, axis1=1, axis2=2))
     upper = np.triu_indices(spread.shape[1], 1)
     scale = spread[:, upper[0]] * spread[:, upper[1]]
-    together = measured.energies[:, upper[0], upper[1]] / np.maximum(scale, 1e-6)
-    parts += [np.log(spread + 0.05), np.arctanh(np.clip(together, -0.95, 0.95))]
+    correlations = measured.energies[:, upper[0], upper[1]] / np.maximum(scale, 1e-6)
+    parts += [np.log(spread + 0.05), np.arctanh(np.clip(correlations, -0.95, 0.95))]
     return np.concatenate(parts, axis=1)
 
 
@@ -143,7 +145,7 @@ def _respond(
     p: Array, q: Array, albedo: Array, p_mean: np.float32, q_mean: np.float32, edges: Array,
     energy: Array, sums: Array, odd: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
-    """Responses of blocks of rows of one level: squares, and sums of powers per block and half."""
+    """Write squared responses of one level, and sums of powers per block of rows and half."""
     rows, columns = p.shape
     middle = columns // 2
     # Row n of a plane is in row n % 3.
@@ -252,7 +254,7 @@ def _block_edges(rows: int) -> Indices:
     return np.concatenate([upper, lower]).astype(np.intp)
 
 
-def _of_quarters(block_sums: Array) -> Floats:
+def _frame_and_quarter_sums(block_sums: Array) -> Floats:
     """(5, d) sums of the frame and of its quarters, from sums per block and side."""
     sums = block_sums.shape[-1]
     quarters = block_sums.reshape(2, -1, 2, sums).sum(axis=1).reshape(-1, sums)

@@ -14,7 +14,7 @@ from classify.pieces.features import (
     window_features,
     window_moments,
 )
-from classify.pieces.piece_model import _cover
+from classify.pieces.piece_model import _raise_cells
 from tests.classify.conftest import estimate
 
 SIDE = 256
@@ -86,7 +86,7 @@ def test_only_energies_have_floors() -> None:
 
 def test_every_cell_gets_the_largest_score_of_the_windows_around_it() -> None:
     cells = np.zeros((5, 4), np.float32)
-    _cover(cells, np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9], [10, 11, 12]], np.float32), 2)
+    _raise_cells(cells, np.array([[1, 2, 3], [4, 5, 6], [7, 8, 9], [10, 11, 12]], np.float32), 2)
     np.testing.assert_array_equal(
         cells, [[1, 2, 3, 3], [4, 5, 6, 6], [7, 8, 9, 9], [10, 11, 12, 12], [10, 11, 12, 12]]
     )
