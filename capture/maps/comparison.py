@@ -24,7 +24,7 @@ from .surface_maps import SurfaceMaps
 from .views import MapKind, unit_text
 
 _Maps = dict[str, tuple[FloatMap, str]]  # with the unit of each
-# Fields of a setting that say which rig it is; the others are settings.
+# Fields of a setting that identify the rig; the others are settings.
 _RIG_FIELDS = ("rig_name", "camera", "light_directions", "led_levels_percent")
 
 
@@ -45,15 +45,15 @@ class _Side:
 def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> _Side:
     """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``."""
     if path.is_dir():
-        return _folder(path)
+        return _side_of_folder(path)
     if not path.name.endswith(SET_SUFFIX):
         raise InputError(f"{path}: give a captured set ({SET_SUFFIX}) or a folder of maps")
     loaded = LoadedSet.of(path, calibration, raw=raw)
     with named(path):
-        return _set(path, loaded)
+        return _side_of_set(path, loaded)
 
 
-def _set(path: Path, loaded: LoadedSet) -> _Side:
+def _side_of_set(path: Path, loaded: LoadedSet) -> _Side:
     captured = loaded.captured
     surface = loaded.solve(uncertainty=True)
     solved = SurfaceMaps(surface, mm_per_px=loaded.mm_per_px)
@@ -117,7 +117,7 @@ def _facts_of_set(captured: CapturedSet) -> dict[str, dict[str, Any]]:
     }
 
 
-def _folder(folder: Path) -> _Side:
+def _side_of_folder(folder: Path) -> _Side:
     if not (folder / "p.tif").is_file():
         raise InputError(f"{folder}: holds no maps; ps4rig solve SET --out {folder} writes them")
     description = read_description(folder / "p.tif")
@@ -210,25 +210,26 @@ def map_difference(
     unit: str,
     deviation: npt.NDArray[np.floating[Any]] | None = None,
 ) -> _MapDifference | None:
-    """Compare two (H, W) maps with the standard `deviation` of their difference; None if no pixel
-    is finite in both.
+    """Compare two (H, W) maps; None if no pixel is finite in both.
+
+    `deviation` is the standard deviation of their difference, if it is known.
     """
     used = valid & np.isfinite(first) & np.isfinite(second)
     if not used.any():
         return None
     one, other = first[used].astype(np.float64), second[used].astype(np.float64)
-    off = other - one
-    magnitudes = np.abs(off)
+    differences = other - one
+    magnitudes = np.abs(differences)
     return _MapDifference(
         unit=unit,
-        mean=float(off.mean()),
-        rms=float(np.sqrt(np.mean(off**2))),
+        mean=float(differences.mean()),
+        rms=float(np.sqrt(np.mean(differences**2))),
         p95=float(np.percentile(magnitudes, 95)),
         largest=float(magnitudes.max()),
         correlation=_correlation(one, other),
         rms_in_deviations=None
         if deviation is None
-        else float(np.sqrt(np.mean((off / deviation[used]) ** 2))),
+        else float(np.sqrt(np.mean((differences / deviation[used]) ** 2))),
     )
 
 

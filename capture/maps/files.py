@@ -80,8 +80,10 @@ def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dic
 def _roughness_parameters(
     maps: SurfaceMaps,
 ) -> dict[str, dict[str, Any]]:
-    """Return name, value (None without valid pixels; Sa, Sq in um or relative px; noise subtracted
-    if deviations are known) and unit by symbol, and whether relative.
+    """Return name, value, unit and whether it is relative, for each symbol.
+
+    A value is None without valid pixels. Sa and Sq are in um, or in relative px. Noise is
+    subtracted if deviations are known.
     """
     uncertainty, mm_per_px = maps.roughness_uncertainty, maps.mm_per_px
     roughness = maps.roughness if uncertainty is None else uncertainty.corrected
@@ -140,7 +142,7 @@ def _facts(captured: CapturedSet, maps: SurfaceMaps) -> Iterator[tuple[str, str]
     rows, columns = surface.shape
     yield "solver", surface.method
     if surface.planar:
-        yield "planar part", _divided(surface.fall_off)
+        yield "planar part", _fall_off_text(surface.fall_off)
     yield "image", f"{columns} x {rows} px, {metadata.bit_depth} bit"
     if maps.mm_per_px is not None:
         yield "scale", f"{maps.mm_per_px:.4g} mm/px"
@@ -185,7 +187,7 @@ def _calibration(
         yield "median residual", f"{residual:.2%} of the signal{without}"
 
 
-def _divided(fall_off: FlatField | None) -> str:
+def _fall_off_text(fall_off: FlatField | None) -> str:
     if fall_off is None:
         return "too little of it is lit: no fall-off divided out"
     return f"fall-off of {fall_off.share:.0%} divided out, with any tilt or bow"
@@ -217,8 +219,9 @@ def write_maps(
     raw_residual: float | None = None,
     inputs: Collection[Path] = (),
 ) -> list[Path]:
-    """Write all maps and their `index.html`, in place of maps in `folder` but none of `inputs`;
-    `raw_residual` is that without calibration.
+    """Write all maps and their `index.html`, in place of maps in `folder` but none of `inputs`.
+
+    `raw_residual` is the residual without the calibration.
     """
     maps = SurfaceMaps(surface, light, mm_per_px)
     origin = {

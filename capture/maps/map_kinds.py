@@ -18,7 +18,8 @@ from .surface_maps import SurfaceMaps
 from .views import LENGTH, SHOWN_LIGHTS, MapKind, MapView
 
 
-def _inside(mask: BoolArray) -> npt.NDArray[np.uint8]:
+def _as_levels(mask: BoolArray) -> npt.NDArray[np.uint8]:
+    """A mask as pixel values, 255 where it is true."""
     return mask * np.uint8(255)
 
 
@@ -118,11 +119,11 @@ _ROWS = (
     MapKind(
         "specular", "Quality", "gloss",
         "Brighter by half under one light than a matt surface would be.",
-        lambda maps: _inside(maps.surface.specular), views.labelled, labels=views.YES_NO,
+        lambda maps: _as_levels(maps.surface.specular), views.labelled, labels=views.YES_NO,
     ),
     MapKind(
         "valid", "Quality", "valid", "The slope is determined.",
-        lambda maps: _inside(maps.surface.valid), views.labelled, labels=views.YES_NO,
+        lambda maps: _as_levels(maps.surface.valid), views.labelled, labels=views.YES_NO,
     ),
 )  # fmt: skip
 MAP_KINDS: dict[str, MapKind] = {kind.name: kind for kind in _ROWS}

@@ -24,14 +24,15 @@ def scaled_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap, float, 
 
 
 def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, unit: str) -> None:
-    """Write a mesh with grey vertices and holes at NaN (Stanford PLY 1.0, little-endian); `height`
-    and `per_px` are in `unit`.
+    """Write a mesh with grey vertices and holes at NaN (Stanford PLY 1.0, little-endian).
+
+    `height`, and `per_px`, the length of a pixel, are in `unit`.
     """
     is_finite = np.isfinite(height)
     white = float(np.percentile(albedo[is_finite], 99.5)) or 1.0
-    places, corners = _triangles(height, per_px)
-    vertices = np.empty(len(places), [("place", "<f4", 3), ("grey", "u1", 3)])
-    vertices["place"] = places
+    positions, corners = _triangles(height, per_px)
+    vertices = np.empty(len(positions), [("position", "<f4", 3), ("grey", "u1", 3)])
+    vertices["position"] = positions
     grey = np.clip(255.0 / white * albedo[is_finite] + 0.5, 0.0, 255.0).astype(np.uint8)
     vertices["grey"] = grey[:, None]
     faces = np.empty(len(corners), [("count", "u1"), ("corners", "<i4", 3)])
@@ -54,8 +55,8 @@ def write_ply(path: Path, height: FloatMap, albedo: FloatMap, per_px: float, uni
 
 def write_stl(path: Path, height: FloatMap, per_px: float, unit: str) -> None:
     """Write a mesh without colours (binary STL); its header names the unit. See `write_ply`."""
-    places, corners = _triangles(height, per_px)
-    triangles = places[corners]
+    positions, corners = _triangles(height, per_px)
+    triangles = positions[corners]
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     rows = np.zeros(len(triangles), [("vectors", "<f4", (4, 3)), ("attribute", "<u2")])
@@ -67,20 +68,21 @@ def write_stl(path: Path, height: FloatMap, per_px: float, unit: str) -> None:
 
 
 def _triangles(height: FloatMap, per_px: float) -> tuple[FloatMap, Array]:
-    """(V, 3) vertices from the middle of the frame, and (T, 3) indices of them."""
+    """(V, 3) positions of vertices from the middle of the frame, and (T, 3) indices of them."""
     rows, columns = height.shape
-    places = np.empty((rows, columns, 3), np.float32)
-    places[..., 0] = per_px * (np.arange(columns) - 0.5 * (columns - 1))
-    places[..., 1] = per_px * (0.5 * (rows - 1) - np.arange(rows))[:, None]
-    places[..., 2] = height
+    positions = np.empty((rows, columns, 3), np.float32)
+    positions[..., 0] = per_px * (np.arange(columns) - 0.5 * (columns - 1))
+    positions[..., 1] = per_px * (0.5 * (rows - 1) - np.arange(rows))[:, None]
+    positions[..., 2] = height
     is_finite = np.isfinite(height).ravel()
     corners = _corners(height.shape)
-    vertices = np.cumsum(is_finite, dtype=np.int32) - 1
-    return places.reshape(-1, 3)[is_finite], vertices[corners[is_finite[corners].all(axis=1)]]
+    vertex_of_pixel = np.cumsum(is_finite, dtype=np.int32) - 1
+    corners = corners[is_finite[corners].all(axis=1)]
+    return positions.reshape(-1, 3)[is_finite], vertex_of_pixel[corners]
 
 
 def _corners(shape: tuple[int, ...]) -> Array:
-    """(2 (H - 1)(W - 1), 3) vertices of the triangles, anticlockwise as seen by the camera."""
+    """(2 (H - 1)(W - 1), 3) pixels of the triangles, anticlockwise as seen by the camera."""
     rows, columns = shape
     index = np.arange(rows * columns, dtype=np.int32).reshape(rows, columns)
     upper_left, upper_right = index[:-1, :-1].ravel(), index[:-1, 1:].ravel()

@@ -17,7 +17,7 @@ from classify.shadow_rule import NO_DROPPED_LIGHT
 Picture = npt.NDArray[np.uint8]
 PICTURE_PX = 512
 """Longer side of a picture by default, twice the width of a map on the page."""
-# Percentile of the values at the end of a colour scale, so that outliers do not pale the rest.
+# Percentile of the values at the end of a colour scale, so that outliers do not pale the others.
 _SCALE_PERCENT = 99.5
 _SHADOW_COLOURS = np.array(
     [[235, 235, 235], [250, 190, 80], [225, 105, 40], [150, 35, 45], [40, 10, 40]], dtype=np.uint8
@@ -121,9 +121,9 @@ def shading_contrast(normals: FloatMap, valid: BoolArray) -> float:
     if not shading.size:
         return 1.0
     darkest, brightest = np.percentile(shading, (100.0 - _SCALE_PERCENT, _SCALE_PERCENT))
-    rooms = (_FLAT_GREY / max(_FLAT_GREY - darkest, 1e-6),
-             (1.0 - _FLAT_GREY) / max(brightest - _FLAT_GREY, 1e-6))  # fmt: skip
-    return float(np.clip(min(rooms), 1.0, _MAX_CONTRAST))
+    max_darkening = _FLAT_GREY / max(_FLAT_GREY - darkest, 1e-6)
+    max_brightening = (1.0 - _FLAT_GREY) / max(brightest - _FLAT_GREY, 1e-6)
+    return float(np.clip(min(max_darkening, max_brightening), 1.0, _MAX_CONTRAST))
 
 
 def _shading(normals: FloatMap) -> FloatMap:
@@ -135,8 +135,8 @@ def _shading(normals: FloatMap) -> FloatMap:
 def shadow_colours(lights: int) -> Picture:
     """Return the (256, 3) colours of the numbers of lights in shadow, one for each number."""
     last = len(_SHADOW_COLOURS) - 1
-    at = np.arange(256) * last / max(lights, last)
-    channels = [np.interp(at, range(last + 1), channel) for channel in _SHADOW_COLOURS.T]
+    positions = np.arange(256) * last / max(lights, last)
+    channels = [np.interp(positions, range(last + 1), channel) for channel in _SHADOW_COLOURS.T]
     return np.stack(channels, axis=1).round().astype(np.uint8)
 
 
@@ -169,8 +169,9 @@ def reduced(
     interpolation: int = cv2.INTER_AREA,
     longest_px: int = PICTURE_PX,
 ) -> Array:
-    """Reduce (H, W[, 3]) to a longer side of `longest_px`, labels by INTER_NEAREST, others by the
-    mean without NaN, NaN if most are.
+    """Reduce (H, W[, 3]) to a longer side of `longest_px`.
+
+    Labels need INTER_NEAREST. Other values are means without NaN; NaN where most values are.
     """
     rows, columns = values.shape[:2]
     scale = longest_px / max(rows, columns)

@@ -18,7 +18,7 @@ from . import pictures
 from .pictures import ColourScale, Picture, data_uri
 from .surface_maps import SurfaceMaps
 
-# Light images on the page; a dome may have hundreds.
+# Largest number of light images on the page; a dome may have hundreds.
 SHOWN_LIGHTS = 8
 _SMALL_PX = 256  # the width of a map on the page
 # A legend lists this many of the most frequent values.
@@ -127,7 +127,7 @@ def relief(kind: MapKind, maps: SurfaceMaps) -> MapView:
 
 
 def labelled(kind: MapKind, maps: SurfaceMaps) -> MapView:
-    """Show a mask with the most frequent of its values."""
+    """Show a mask with a legend of its most frequent values."""
     labels = kind.labels or YES_NO
     picture = pictures.reduced(mask_picture(kind, maps), labels.interpolation)
     if picture.ndim == 2:

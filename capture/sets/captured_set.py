@@ -61,7 +61,7 @@ class CapturedSet:
     mask: BoolArray | None = None
     path: Path | None = field(default=None, repr=False)
     calibration: CalibrationFile | None = field(default=None, repr=False)
-    # Images, ambient image and mask of which the metadata have the hash, if it is known.
+    # Images, ambient image and mask whose hash is known to be that of the metadata; else empty.
     hashed: tuple[object, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
@@ -193,8 +193,8 @@ class CapturedSet:
     def save(self, path: str | Path, *, home: Path | None = None) -> None:
         """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.
 
-        A copy of `calibration` is kept beside it, in ``calibration/``.
-        `home` is another folder of the same file system for the temporary file; see `durable_file`.
+        A copy of `calibration` is kept beside it, in ``calibration/``. The temporary file is in
+        `home`, a folder of the same file system, by default beside it; see `durable_file`.
 
         Raises
         ------
@@ -292,8 +292,9 @@ class LoadedSet:
     def solve_texture(
         self, method: Method | None, *, planar: bool, uncertainty: bool = False
     ) -> SurfaceEstimate:
-        """Solve a part with a texture, whose fall-off is fitted unless the calibration has a flat
-        field.
+        """Solve a part with a texture.
+
+        If the part is planar, its fall-off is fitted unless the calibration has a flat field.
         """
         has_flat_field = self.calibration is not None and self.calibration.flat_field is not None
         return self.solve(method, planar=planar and not has_flat_field, uncertainty=uncertainty)

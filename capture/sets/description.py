@@ -47,11 +47,13 @@ def corrected(
     metadata: SetMetadata, values: Mapping[str, str], corrected_utc: datetime
 ) -> SetMetadata:
     """Return metadata with other values of some of `FIELDS`; dated entries keep the old ones."""
-    date = utc_text(corrected_utc)
-    changes = {name: _value(name, text, _value_of(metadata, name)) for name, text in values.items()}
+    date_text = utc_text(corrected_utc)
+    changes = {
+        name: _parsed_value(name, text, _value_of(metadata, name)) for name, text in values.items()
+    }
     entries = tuple(
         CorrectionRecord.model_validate(
-            {"corrected_utc": date, "field": name, "before": before, "after": after}
+            {"corrected_utc": date_text, "field": name, "before": before, "after": after}
         )
         for name, after in changes.items()
         if (before := _value_of(metadata, name)) != after or type(before) is not type(after)
@@ -125,7 +127,7 @@ def _property(name: str, value: object) -> Property:
     )
 
 
-def _value(name: str, text: str, before: Property | None) -> Property | None:
+def _parsed_value(name: str, text: str, before: Property | None) -> Property | None:
     if not text:
         return None
     if name.startswith(PROPERTY_PREFIX):
@@ -143,9 +145,9 @@ def _value(name: str, text: str, before: Property | None) -> Property | None:
 
 def _toml_value(text: str) -> object:
     """Read a number, a truth value or a date as a plan does; anything else is a text."""
-    small = text.lower() if text.lower() in ("true", "false") else text
+    toml_text = text.lower() if text.lower() in ("true", "false") else text
     try:
-        value: object = tomllib.loads(f"value = {small}")["value"]
+        value: object = tomllib.loads(f"value = {toml_text}")["value"]
     except ValueError:
         return text
     return value if isinstance(value, bool | int | float | date | time) else text

@@ -67,15 +67,13 @@ _JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[_Vector, ...]] 
 
 @dataclass(frozen=True)
 class LightList:
-    """Light directions of a file by names of images or in order, with the `places` of lights in it,
-    such as ``line 3``.
-    """
+    """Light directions of a file, by names of images or in order."""
 
     source: Path
-    names: Sequence[str]
-    places: Sequence[str]
+    names: Sequence[str]  # of images; empty if the file has none
+    places: Sequence[str]  # of the lights in the file, such as ``line 3``
     vectors: Sequence[_Vector]
-    intensities: Sequence[float]
+    intensities: Sequence[float]  # empty if the file has none
     warnings: Sequence[str] = ()
 
     def __post_init__(self) -> None:
@@ -215,13 +213,13 @@ def _parsed_lp(path: Path, text: str) -> LightList:
     for number, line in numbered:
         # A name may contain blanks, and folders of another computer.
         name, *fields = line.rsplit(maxsplit=3)
-        longer = line.rsplit(maxsplit=4)
-        if longer[0].lower().strip(_QUOTES).endswith(PHOTOGRAPH_SUFFIXES):
-            name, *fields = longer
+        with_intensity = line.rsplit(maxsplit=4)
+        if with_intensity[0].lower().strip(_QUOTES).endswith(PHOTOGRAPH_SUFFIXES):
+            name, *fields = with_intensity
         try:
             if "_" in "".join(fields):  # between digits, which float accepts
                 raise ValueError
-            x, y, z, *more = map(float, fields)
+            x, y, z, *intensity = map(float, fields)
         except ValueError:
             raise InputError(
                 f"{path}: line {number} is not 'name x y z' with decimal points: {line[:120]!r}"
@@ -229,7 +227,7 @@ def _parsed_lp(path: Path, text: str) -> LightList:
         names.append(name.strip(_QUOTES).replace("\\", "/"))
         places.append(f"line {number}")
         vectors.append((x, y, z))
-        intensities += more
+        intensities += intensity
     announced = int(count[:9])  # more digits than any list needs
     if announced != len(vectors):
         raise InputError(f"{path}: announces {announced} lights and lists {len(vectors)}")

@@ -35,8 +35,9 @@ from .metadata import SetMetadata
 
 
 class PixelHash:
-    """SHA-256 of a set's pages in any order (`pixels_sha256`), in one task of all due, as tasks
-    that wait for each other could deadlock.
+    """SHA-256 of a set's pages (`pixels_sha256`), which may be added in any order.
+
+    One task hashes all pages that are due: tasks that wait for each other could deadlock.
     """
 
     def __init__(self) -> None:
@@ -99,8 +100,9 @@ def write(
     *,
     is_hashed: bool = False,
 ) -> None:
-    """Write a captured set to `path`, whole or not at all, by a temporary file in `home`;
-    `is_hashed` if its metadata hash these arrays.
+    """Write a captured set to `path`, whole or not at all, by a temporary file in `home`.
+
+    `is_hashed` tells that the hash in the metadata is known to be that of the arrays.
     """
     if not path.name.endswith(SET_SUFFIX):
         raise InputError(
@@ -146,8 +148,8 @@ def _metadata(path: Path, fields: dict[str, Any], pages: int) -> SetMetadata:
         metadata.lighting.to_lighting()
     except ValidationError as error:
         first = error.errors()[0]
-        place = ".".join(map(str, first["loc"]))
-        raise InputError(f"{path}: metadata field {place}: {first['msg']}") from error
+        field = ".".join(map(str, first["loc"]))
+        raise InputError(f"{path}: metadata field {field}: {first['msg']}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     lights = len(metadata.lighting.directions)

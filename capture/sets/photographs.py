@@ -39,7 +39,7 @@ _MAX_METADATA_BYTES = 1 << 24
 DNG = ".dng"
 # Depths of sensors, of which one is guessed for files of 16 bits.
 _DEPTHS = (8, 10, 12, 14, 16)
-# The lights of microscopes and copy stands have slants of 10 degrees and more.
+# Largest slant of a warning: the lights of microscopes and copy stands have 10 degrees and more.
 _SMALL_SLANT_DEG = 5.0
 
 
@@ -150,9 +150,9 @@ def read_mask(
 
 def _read_alike(paths: Sequence[Path]) -> tuple[list[Array], list[ImageMetadata]]:
     """Read images that must agree in size, depth and orientation."""
-    read = [read_image_file(path) for path in paths]
-    first, first_metadata = read[0]
-    for path, (image, metadata) in zip(paths[1:], read[1:], strict=True):
+    files = [read_image_file(path) for path in paths]
+    first, first_metadata = files[0]
+    for path, (image, metadata) in zip(paths[1:], files[1:], strict=True):
         if metadata.orientation != first_metadata.orientation:
             raise InputError(
                 f"{path}: EXIF orientation {metadata.orientation}, but {paths[0]} has "
@@ -170,7 +170,7 @@ def _read_alike(paths: Sequence[Path]) -> tuple[list[Array], list[ImageMetadata]
                 f"{path}: {image.dtype}, but {paths[0]} is {first.dtype}; "
                 "all images must have the same depth"
             )
-    return [image for image, _ in read], [metadata for _, metadata in read]
+    return [image for image, _ in files], [metadata for _, metadata in files]
 
 
 def _cropped(image: Array, crop: Crop | None) -> Array:
@@ -247,7 +247,7 @@ def import_images(
 ) -> CapturedSet:
     """Make a captured set from PNG, JPEG, TIFF, TGA or DNG photographs of 8 or 16 bit.
 
-    The photographs are turned upright as their EXIF data say. Linear grey images keep their pixel
+    The photographs are rotated upright by their EXIF data. Linear grey images keep their pixel
     values. All others are made linear, reduced to luminance and stored with 16 bits. A pixel with
     any channel at full scale is stored at full scale, so that the solver treats it as saturated. An
     alpha channel is ignored. `check_photographs` checks the images.
