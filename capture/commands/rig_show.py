@@ -181,7 +181,7 @@ def preview(
         )
     if outline is not None:
         guide = PlacementGuide.of(outline, turn_to)
-        shown.guide(f"turn to {guide.asked_deg:g} degrees", guide.outline.svg())
+        shown.guide(f"turn to {guide.required_deg:g} degrees", guide.outline.svg())
         measure = partial(guide.orientation_text, config.lights.lighting)
     with serving(shown, port) as server:
         out.print(f"{server.url} shows the rig; Ctrl-C ends it")

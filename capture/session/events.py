@@ -43,7 +43,10 @@ class SetDamaged:
 
 @dataclass(frozen=True)
 class RigCompared:
-    """Checks of the rig against its calibration; one of status ``unknown`` if not compared."""
+    """Checks of the rig against its calibration.
+
+    If the rig was not compared, there is one check, of status ``unknown``.
+    """
 
     checks: tuple[Check, ...]
 
@@ -120,8 +123,10 @@ Ask = Callable[[Question], Answer]
 
 
 def without_questions(question: Question) -> Answer:
-    """Answer without an operator: keep sets, leave failed ones, stop without a rig, and skip the
-    comparison, which needs a sheet put in place.
+    """Answer without an operator.
+
+    Sets are kept, failed ones stay missing, and without a rig the session stops. The comparison is
+    skipped, because somebody must put the sheet in place.
     """
     if isinstance(question, DecideFailure):
         return Answer.STOP if question.lost_rig else Answer.LEAVE

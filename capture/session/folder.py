@@ -40,8 +40,9 @@ def _sets_table(
     present: Collection[tuple[str, float, int]],
     damaged: Mapping[str, str],
 ) -> str:
-    """Return CSV (RFC 4180) of planned sets, then those no longer planned; `present` are entries
-    with a file, `damaged` errors of files.
+    """Return CSV (RFC 4180) of planned sets, then of those no longer planned.
+
+    `present` has the keys of entries with a file, `damaged` the errors of files.
     """
     planned = {entry.key: entry for entry in map(SetEntry.of, plan.sets())}
     entered = {entry.key: entry for entry in entries}
@@ -108,7 +109,7 @@ def _level(light: int) -> str:
 
 
 def _column(name: str) -> str:
-    """Column of a property: its name, unless a column of every table is called so."""
+    """Column of a property: its name, unless every table has a column of this name."""
     folded = name.casefold()
     is_reserved = folded in COLUMNS or folded.startswith(("level_led_", "property_"))
     return f"property_{name}" if is_reserved else name
@@ -154,8 +155,9 @@ class SessionFolder:
     def missing(
         self, plan: SessionPlan | None = None, *, left_out: bool = False
     ) -> list[PlannedSet]:
-        """Planned sets, of the session or of `plan`, without a file; those left out only with
-        `left_out`.
+        """Planned sets without a file, of the session or of `plan`.
+
+        Sets that were left out are missing only with `left_out`.
         """
 
         def is_missing(planned: PlannedSet) -> bool:
@@ -187,7 +189,7 @@ class SessionFolder:
         append_line(self.path / _LOG, f"{utc_text()} {line}")
 
     def reserve(self) -> None:
-        """Reserve the disk space that the end of a run needs, even if others fill the disk."""
+        """Reserve the disk space for the end of a run, in case other programs fill the disk."""
         path, specimens = self.path / _RESERVE, self.plan.specimen
         # Each entry and row repeats the specimen of the plan.
         description_bytes = sum(
@@ -199,7 +201,7 @@ class SessionFolder:
             temporary.write_bytes(os.urandom(size))
 
     def release(self) -> None:
-        """Give the space of `reserve` back."""
+        """Release the space of `reserve`."""
         (self.path / _RESERVE).unlink(missing_ok=True)
 
     def update(self, journal: Journal) -> None:
@@ -250,8 +252,9 @@ class SessionFolder:
         yield from (*entered.values(), *others)
 
     def read_again(self) -> Iterator[tuple[PlannedSet, SetMetadata | str | InputError]]:
-        """Yield the metadata of each captured set, planned or not, why it is damaged, or an error
-        of a file that may be intact.
+        """Read each captured set, planned or not.
+
+        Yields its metadata, why it is damaged, or the error of a file that may be intact.
         """
         for entry in self.captured():
             path, planned = self.path / str(entry.file), self.plan.planned(*entry.key)
@@ -285,8 +288,10 @@ class SessionFolder:
                         raise failed from error
 
     def _is_unentered(self, planned: PlannedSet, metadata: SetMetadata) -> bool:
-        """Whether a file of a planned set of this rig lacks its entry; one with an entry must be
-        captured during a run, not copied here.
+        """Whether a file is of a planned set and of this rig, and has no entry.
+
+        If the planned set has an entry, the file counts only if it was captured during a run, not
+        copied to the folder.
         """
         captured_as = [as_captured(metadata, name) for name in ("specimen", "orientation_deg")]
         lights = len(metadata.lighting.directions)
@@ -318,7 +323,7 @@ class SessionFolder:
 def read_session(path: Path) -> SessionFolder:
     """Read a session without locking it; to write, use `session_folder`."""
     if not (path / JOURNAL).is_file():
-        if (path / PLAN).is_file() and _lacks_its_journal(path):
+        if (path / PLAN).is_file() and _is_without_journal(path):
             raise InputError(
                 f"{path}: {JOURNAL} is missing; ps4rig session run PLAN, with the plan beside the "
                 "folder, makes it again from the sets"
@@ -336,14 +341,15 @@ def session_folder(path: Path) -> Iterator[SessionFolder]:
 
 
 def make_session(plan_path: Path) -> Path:
-    """Make the folder of a plan beside it, unless it exists, its journal last, so that one with a
-    journal is whole; return its path.
+    """Make the folder of a plan beside it, unless it exists, and return its path.
+
+    The journal is written last, so that a folder with a journal is complete.
     """
     plan = read_plan(plan_path)
     folder = plan_path.absolute().parent / plan.name
     if (folder / JOURNAL).is_file():
         return folder
-    if folder.exists() and not (folder.is_dir() and _lacks_its_journal(folder)):
+    if folder.exists() and not (folder.is_dir() and _is_without_journal(folder)):
         raise InputError(
             f"{folder}: exists and is not a session; choose another name in {plan_path}"
         )
@@ -356,9 +362,10 @@ def make_session(plan_path: Path) -> Path:
     return folder
 
 
-def _lacks_its_journal(folder: Path) -> bool:
-    """Whether a folder has only files of a session without its journal, so that the next run enters
-    the sets anew.
+def _is_without_journal(folder: Path) -> bool:
+    """Whether a folder has only files of a session, without the journal.
+
+    The next run then enters the sets into a new journal.
     """
     names = {path.name for path in folder.iterdir() if not path.name.startswith(TEMPORARY_PREFIX)}
     return names <= {PLAN, TABLE, _LOG, REPORT, SETS, CALIBRATION, REPLACED, _RESERVE, *_LOCKS}

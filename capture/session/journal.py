@@ -171,12 +171,12 @@ class Journal(Record):
         return next(counts, None)
 
     def has_run_at(self, moment_utc: str) -> bool:
-        """Whether a run had begun at a time and not ended; a killed one ends at the next one."""
+        """Whether a run was active at a time; a killed run ends when the next one begins."""
         moment = datetime.fromisoformat(moment_utc)
-        begun = [run for run in self.runs if datetime.fromisoformat(run.started_utc) <= moment]
-        if not begun:
+        started = [run for run in self.runs if datetime.fromisoformat(run.started_utc) <= moment]
+        if not started:
             return False
-        ended_utc = begun[-1].ended_utc
+        ended_utc = started[-1].ended_utc
         if ended_utc is None:
             return True
         # The end of a run is kept in whole seconds.

@@ -23,8 +23,8 @@ from .journal import SetEntry
 from .measures import SpecimenReference
 from .preview_loop import Preview, show_lights
 
-# Largest shares of the frame and of its border that a part with an outline covers.
-_MAX_SHARE, _MAX_BORDER = 0.9, 0.25
+# Largest share of the frame, and of its border, that a part with an outline covers.
+_MAX_SHARE, _MAX_BORDER_SHARE = 0.9, 0.25
 # Smallest share of the frame that is a part and not dust.
 _MIN_SHARE = 0.01
 # Least separation of part and ground by Otsu's criterion, the variance between the two over that of
@@ -102,8 +102,8 @@ def _part_in(mean: FloatMap) -> BoolArray | None:
     share = float(bright.mean())
     if not 0.0 < share < 1.0:
         return None
-    between = share * (1.0 - share) * (grey[bright].mean() - grey[~bright].mean()) ** 2
-    if between < _MIN_SEPARATION * grey.var():
+    variance_between = share * (1.0 - share) * (grey[bright].mean() - grey[~bright].mean()) ** 2
+    if variance_between < _MIN_SEPARATION * grey.var():
         return None
     border = np.concatenate([bright[0], bright[-1], bright[:, 0], bright[:, -1]])
     part = ~bright if border.mean() > 0.5 else bright
@@ -111,12 +111,12 @@ def _part_in(mean: FloatMap) -> BoolArray | None:
     radius = max(1, min(grey.shape) // 100)
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * radius + 1, 2 * radius + 1))
     closed = cv2.morphologyEx(part.astype(np.uint8), cv2.MORPH_CLOSE, kernel)
-    count, labels, figures, _ = cv2.connectedComponentsWithStats(closed)
+    count, labels, statistics, _ = cv2.connectedComponentsWithStats(closed)
     if count < 2:
         return None
-    largest = labels == 1 + int(figures[1:, cv2.CC_STAT_AREA].argmax())
+    largest = labels == 1 + int(statistics[1:, cv2.CC_STAT_AREA].argmax())
     edge = np.concatenate([largest[0], largest[-1], largest[:, 0], largest[:, -1]])
-    if not _MIN_SHARE < largest.mean() < _MAX_SHARE or edge.mean() > _MAX_BORDER:
+    if not _MIN_SHARE < largest.mean() < _MAX_SHARE or edge.mean() > _MAX_BORDER_SHARE:
         return None
     return np.asarray(largest, np.bool_)
 
@@ -145,25 +145,26 @@ def _simplified(lines: Iterable[Array]) -> tuple[FloatMap, ...]:
     )
 
 
-# A hand places a part within 2 degrees by the outline (tests/capture/preview/test_outline.py).
+# Largest error of a good placement: parts are placed by hand within 2 degrees by the outline
+# (tests/capture/preview/test_outline.py).
 _GOOD_DEG = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class PlacementGuide:
-    """The first set of a specimen, and the orientation that is asked for."""
+    """The first set of a specimen, and the required orientation."""
 
-    outline: Outline  # of the first placement, turned to the asked orientation
+    outline: Outline  # of the first placement, rotated to the required orientation
     reference: SpecimenReference
-    asked_deg: float
+    required_deg: float
 
     @classmethod
-    def of(cls, first: Path, asked_deg: float | None = None) -> Self:
+    def of(cls, first: Path, required_deg: float | None = None) -> Self:
         """Make the guide from the first set of a specimen, by default for its orientation."""
         changed_ns = first.stat().st_mtime_ns if first.is_file() else 0
-        outline, reference, first_deg = _known(first, changed_ns)
-        asked_deg = first_deg if asked_deg is None else asked_deg
-        return cls(outline.rotated(asked_deg - first_deg), reference, asked_deg)
+        outline, reference, first_deg = _first_placement(first, changed_ns)
+        required_deg = first_deg if required_deg is None else required_deg
+        return cls(outline.rotated(required_deg - first_deg), reference, required_deg)
 
     def orientation_text(self, lighting: Lighting, frames: Sequence[Frame]) -> str | None:
         """Say how a part lies, from a frame under each light; None if that is undetermined."""
@@ -173,19 +174,21 @@ class PlacementGuide:
             surface = photometric_stereo(images, lighting, full_scale=full_scale, planar=True)
         except InputError:
             return None  # saturated or dark, which the page shows
-        now_deg = self.reference.orientation_deg(surface, self.asked_deg)
+        now_deg = self.reference.orientation_deg(surface, self.required_deg)
         if now_deg is None:
             return None
-        off_deg = self.asked_deg - now_deg
-        direction = "anticlockwise" if off_deg > 0.0 else "clockwise"
+        error_deg = self.required_deg - now_deg
+        direction = "anticlockwise" if error_deg > 0.0 else "clockwise"
         request = (
-            "good" if abs(off_deg) <= _GOOD_DEG else f"turn it by {abs(off_deg):.0f} {direction}"
+            "good"
+            if abs(error_deg) <= _GOOD_DEG
+            else f"turn it by {abs(error_deg):.0f} {direction}"
         )
         return f"now at {now_deg:.1f} degrees: {request}"
 
 
 @lru_cache(maxsize=1)
-def _known(first: Path, _mtime_ns: int) -> tuple[Outline, SpecimenReference, float]:
+def _first_placement(first: Path, _mtime_ns: int) -> tuple[Outline, SpecimenReference, float]:
     """Outline, texture and orientation of the first placement, kept for the next one."""
     loaded = LoadedSet.of(first)
     return (
@@ -196,7 +199,7 @@ def _known(first: Path, _mtime_ns: int) -> tuple[Outline, SpecimenReference, flo
 
 
 class LiveView:
-    """Contents of the page: live images, the outline of the asked placement, the last set."""
+    """Contents of the page: live images, the outline of the required placement, the last set."""
 
     def __init__(self, folder: SessionFolder) -> None:
         self._folder = folder

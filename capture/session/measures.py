@@ -20,15 +20,16 @@ from rig.acceptance import MAX_SATURATED_SHARE
 from .folder import SETS, SessionFolder, session_folder
 from .journal import Description, SetEntry, SetMeasures
 
-# A hand places a part within 2 degrees by the overlay of the preview and within 5 by eye; a wrong
-# digit is 10 degrees or more.
+# Largest error of a placement without a warning. Parts are placed by hand within 2 degrees by the
+# overlay of the preview and within 5 by eye; a wrong digit is 10 degrees or more.
 _MAX_PLACEMENT_DEG = 8.0
-# An entered orientation that agrees this much less than the best is doubted: a weave agrees as well
-# after a quarter turn (tests/evidence/orientation_flags.py).
+# An entered orientation is doubted if its agreement is this much below the best. A weave agrees as
+# well after a rotation by 90 degrees (tests/evidence/orientation_flags.py).
 _MIN_DROP = 0.03
 # Blur that costs the statistics of the finest scale (classify/texture/blur.py).
 _MAX_BLUR_PX = 1.0
-# The sum of the light images of a matt surface does not depend on its orientation.
+# Largest relative change of the sum of the light images, which on a matt surface does not depend on
+# the orientation.
 _MAX_SIGNAL_CHANGE = 0.1
 
 
@@ -49,7 +50,7 @@ class SpecimenReference:
     def measures(self, loaded: LoadedSet) -> SetMeasures:
         """Compare a set of the same specimen; `orientation_deg` of its metadata was entered."""
         captured, surface = loaded.captured, _solved(loaded)
-        measures, warnings = _own_measures(captured, surface)
+        measures, warnings = _measures_alone(captured, surface)
         signal = sum(measures.led_levels)
         if abs(signal / self._signal - 1.0) > _MAX_SIGNAL_CHANGE:
             warnings.append(
@@ -76,8 +77,9 @@ class SpecimenReference:
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None
     ) -> float | None:
-        """Orientation nearest to `entered_deg` modulo 180, relative to the specimen's first set if
-        that has none.
+        """Orientation nearest to `entered_deg` modulo 180; None if the texture determines none.
+
+        It is relative to the first set of the specimen if that set has no orientation.
         """
         profile = None
         if self._library is not None:
@@ -106,7 +108,7 @@ class SpecimenReference:
 
 def measures_of_first(loaded: LoadedSet) -> SetMeasures:
     """Measure the first set of a specimen."""
-    measures, warnings = _own_measures(loaded.captured, _solved(loaded))
+    measures, warnings = _measures_alone(loaded.captured, _solved(loaded))
     return measures.model_copy(update={"warnings": tuple(warnings)})
 
 
@@ -114,7 +116,9 @@ def _solved(loaded: LoadedSet) -> SurfaceEstimate:
     return loaded.solve_texture(None, planar=True)
 
 
-def _own_measures(captured: CapturedSet, surface: SurfaceEstimate) -> tuple[SetMeasures, list[str]]:
+def _measures_alone(
+    captured: CapturedSet, surface: SurfaceEstimate
+) -> tuple[SetMeasures, list[str]]:
     saturated, shadowed = float(surface.saturated.mean()), float(surface.shadow_mask.mean())
     warnings = []
     if saturated > MAX_SATURATED_SHARE:
@@ -137,12 +141,12 @@ def light_signals(captured: CapturedSet) -> tuple[float, ...]:
 def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> None:
     """Correct sets by `correct`, also in their sessions; none if a session is in use."""
     files = {path.resolve() for path in paths}
-    homes = {path.parent.parent for path in files if path.parent.name == SETS}
+    folders = {path.parent.parent for path in files if path.parent.name == SETS}
     with ExitStack() as stack:
         sessions = [
-            stack.enter_context(session_folder(home))
-            for home in sorted(homes)
-            if (home / JOURNAL).is_file()
+            stack.enter_context(session_folder(folder))
+            for folder in sorted(folders)
+            if (folder / JOURNAL).is_file()
         ]
         correct()
         for session in sessions:
@@ -159,20 +163,21 @@ def correct_in_sessions(paths: Iterable[Path], correct: Callable[[], None]) -> N
 def enter_corrections(
     folder: SessionFolder, described_sets: Iterable[tuple[SetEntry, SetMetadata]]
 ) -> None:
-    """Enter the present metadata of captured sets, and judge again all sets of specimens that a new
-    specimen or orientation concerns.
+    """Enter the present metadata of captured sets into the journal.
+
+    If the specimen or orientation of a set changed, all sets of its specimens are measured again.
     """
-    journal, concerned = folder.journal, set[str]()
+    journal, changed_pieces = folder.journal, set[str]()
     for entry, metadata in described_sets:
         changed = entry.model_copy(update={"description": Description.of(metadata)})
         if changed != entry:
             journal = journal.with_entry(changed)
         if (changed.piece, changed.entered_deg) != (entry.piece, entry.entered_deg):
-            concerned |= {changed.piece, entry.piece}
+            changed_pieces |= {changed.piece, entry.piece}
     if journal is folder.journal:
         return
     folder.update(journal)
-    for piece in concerned:
+    for piece in changed_pieces:
         for entry in _measured_again(folder.sets_of(piece), folder.path):
             journal = journal.with_entry(entry)
     folder.update(journal)

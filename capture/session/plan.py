@@ -18,7 +18,7 @@ from capture.sets.metadata import Property
 from classify.base.errors import InputError
 from classify.base.models import Degrees, Section, read_toml_as
 
-# A year of captures at one a minute.
+# Largest number of sets of a plan: a year of captures at one a minute.
 _MAX_SETS = 500_000
 _ANGLE = "{angle}"
 SEARCH: Literal["search"] = "search"

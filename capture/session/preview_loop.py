@@ -82,7 +82,7 @@ def _png(
 
 # Images that are smaller than a seventh of the page show neither focus nor framing.
 _MIN_SHARE = 1.0 / 7.0
-# Lights whose directions differ by less, as a share of the ring, have no places of their own.
+# Least difference of the directions of two lights, as a share of the ring, for different places.
 _MIN_GAP = 1e-3
 
 
@@ -95,8 +95,9 @@ class Places(NamedTuple):
 
 
 def places_of(directions: Floats) -> Places | None:
-    """Place images, as large as fit beside each other and the part, by (N, 3) directions, y up;
-    None if below a seventh of the page.
+    """Place images by the (N, 3) directions of their lights, y up, around the part.
+
+    They are as large as fit beside each other; None if they would be below a seventh of the page.
     """
     offsets = directions[:, :2] * (1.0, -1.0)  # on the page y points down
     reach = np.abs(offsets).max(initial=_MIN_GAP)
@@ -220,8 +221,9 @@ class Preview:
 def show_lights(
     rig: Rig, preview: Preview, stopping: threading.Event, measure: _Measure | None = None
 ) -> None:
-    """Show each light in turn until `stopping` is set, with the text, or None, that `measure` makes
-    of each round's frames.
+    """Show each light in turn until `stopping` is set.
+
+    After each round, the text that `measure` makes of its frames is shown, unless it is None.
     """
     preview.opened(rig)
     while True:
@@ -242,8 +244,9 @@ def run_preview(
     stopping: threading.Event,
     measure: _Measure | None = None,
 ) -> None:
-    """Show each light in turn until `stopping` is set, opening the rig again 2 s after an error,
-    then switch the LEDs off.
+    """Show each light in turn until `stopping` is set, then switch the LEDs off.
+
+    After an error the rig is opened again in 2 s.
     """
     # This loop switches the LEDs, and the page shows ages in real time.
     real_time = {"lights": {"synchronisation": "software"}, "simulation": {"clock": "real"}}

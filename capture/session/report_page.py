@@ -60,9 +60,9 @@ def _orientations_figure(entries: Sequence[SetEntry]) -> str:
     figure, axes = chart_axes(2.8)
     for number, specimen in enumerate(dict.fromkeys(entry.piece for entry in entries)):
         points = [
-            (entry.entered_deg, off_deg)
+            (entry.entered_deg, error_deg)
             for entry in entries
-            if entry.piece == specimen and (off_deg := _orientation_error_deg(entry)) is not None
+            if entry.piece == specimen and (error_deg := _orientation_error_deg(entry)) is not None
         ]
         if points:
             axes.plot(
@@ -126,10 +126,10 @@ def _map_figure(separation: Separation) -> str:
     """Draw all sets in a plane in which near sets look alike."""
     figure, axes = chart_axes(3.6)
     for number, specimen in enumerate(separation.specimens):
-        chosen = [entry.piece == specimen for entry in separation.entries]
+        of_specimen = [entry.piece == specimen for entry in separation.entries]
         axes.plot(
-            *separation.places[chosen].T, _mark(number), markersize=5, color=curve_colour(number),
-            label=specimen, alpha=0.8,
+            *separation.places[of_specimen].T, _mark(number), markersize=5,
+            color=curve_colour(number), label=specimen, alpha=0.8,
         )  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
     _legend(figure, axes)
@@ -141,9 +141,10 @@ def _spectrum_figure(spectra: Spectra) -> str:
     figure = Figure(figsize=(2.0, 2.0), layout="constrained")
     axes = figure.add_subplot(projection="polar")
     for number, values in enumerate(spectra.polar):
-        around = np.concatenate([values, values, values[:1]]) / max(float(values.max()), 1e-12)
-        angles = np.linspace(0.0, 2.0 * np.pi, len(around))
-        axes.plot(angles, around, color=curve_colour(number), linewidth=1.0)
+        # 180 degrees twice, and the first value again, give a closed curve.
+        curve = np.concatenate([values, values, values[:1]]) / max(float(values.max()), 1e-12)
+        angles = np.linspace(0.0, 2.0 * np.pi, len(curve))
+        axes.plot(angles, curve, color=curve_colour(number), linewidth=1.0)
     axes.set_yticklabels([])
     axes.tick_params(labelsize=LETTERS_PT)
     return svg_uri(figure)

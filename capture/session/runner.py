@@ -60,7 +60,7 @@ def run_session(
         software_version=version("ps4rig"),
     )
     check_rig(folder, config)
-    # Read before the journal is written: an unreadable calibration begins no run.
+    # Before the journal is written: with an unreadable calibration no run begins.
     new_runner = _Runner(folder, config, ask, publish, left_out)
     folder.reserve()
     if changes := rig_changes(folder.journal, config):
@@ -200,7 +200,7 @@ class _Runner:
             try:
                 captured = self._captured(planned)
             except (SetRejected, HardwareError) as error:
-                if self._fails(planned, error) is Answer.REPEAT:
+                if self._decide_failure(planned, error) is Answer.REPEAT:
                     continue
                 return
             path = self._folder.file_of(planned)
@@ -224,7 +224,7 @@ class _Runner:
             self._publish(events.SetCaptured(entered))
             return
 
-    def _fails(self, planned: PlannedSet, error: Ps4rigError) -> Answer:
+    def _decide_failure(self, planned: PlannedSet, error: Ps4rigError) -> Answer:
         """Ask what to do about a set that failed; a rig that failed is closed."""
         lost_rig = isinstance(error, HardwareError)
         if lost_rig:
@@ -252,19 +252,20 @@ class _Runner:
         )
 
     def _new_pixels(self, rig: Rig, label: str) -> CapturedSet:
-        """Capture a set with new pixels: the simulated rig begins with the same noise at each
-        start.
+        """Capture a set whose pixels differ from those of all sets of the session.
+
+        A simulated rig has the same noise after each start, so that a second set may be needed.
         """
         average = self._folder.plan.average
-        known = None if self._calibration is None else self._calibration.file
-        captured = capture_set(rig, label, average=average, calibration=known)
+        calibration = None if self._calibration is None else self._calibration.file
+        captured = capture_set(rig, label, average=average, calibration=calibration)
         if self._folder.journal.entry_with(captured.metadata.pixels_sha256) is None:
             return captured
-        captured = capture_set(rig, label, average=average, calibration=known)
-        twin = self._folder.journal.entry_with(captured.metadata.pixels_sha256)
-        if twin is not None:
+        captured = capture_set(rig, label, average=average, calibration=calibration)
+        same = self._folder.journal.entry_with(captured.metadata.pixels_sha256)
+        if same is not None:
             raise SetRejected(
-                f"every pixel is that of {twin.file}: the camera repeats its images; restart it"
+                f"every pixel is that of {same.file}: the camera repeats its images; restart it"
             )
         return captured
 

@@ -109,7 +109,7 @@ def plc_line(config: StationConfig, live: LiveStation, trigger: str) -> PlcLine 
         return None
     handshake = Handshake(
         session=1 + secrets.randbelow(MAX_SESSION),
-        is_trigger=trigger == SOURCE,
+        plc_triggers=trigger == SOURCE,
         station=live.state,
         recipes=() if config.modbus is None else config.modbus.recipes,
     )

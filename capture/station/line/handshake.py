@@ -45,31 +45,33 @@ ASKER = Asker("PLC", SOURCE)
 MAX_WAITING = 16
 MAX_SESSION = (1 << 32) - 1
 _ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK | Command.SELECT_RECIPE
-_NUMBERS = 1 << 32  # a register holds the number of a part modulo this
+_NUMBER_COUNT = 1 << 32  # a register has the number of a part modulo this
 
 
 @dataclass(frozen=True, eq=False)
 class RecipeRequest:
-    """A recipe that the PLC wants to be loaded."""
+    """A recipe that the PLC requests."""
 
     name: str
 
 
 class Selection:
-    """The state of the last rise of SelectRecipe, which goes on if it is withdrawn, and lets no
-    other be selected.
+    """The state of the last rise of SelectRecipe.
+
+    A recipe that is being loaded is loaded even if SelectRecipe falls; until then no other can be
+    selected.
     """
 
     def __init__(self) -> None:
         self.position = 0
         self.loading: RecipeRequest | None = None  # until the station has answered
-        # The answer; it is taken back when SelectRecipe falls.
+        # The answer, until SelectRecipe falls.
         self.is_loaded = False
         self.error: RecipeRefusal | None = None
         self._current: RecipeRequest | None = None  # None after SelectRecipe fell
 
     def select(self, position: int, name: str | None) -> None:
-        """Take a rise of SelectRecipe; `name` is that of the recipe, None if there is none."""
+        """Handle a rise of SelectRecipe; `name` is that of the recipe, None if there is none."""
         self.withdraw()
         self.position = position
         if self.loading is not None:
@@ -80,18 +82,18 @@ class Selection:
             self._current = self.loading = RecipeRequest(name)
 
     def withdraw(self) -> None:
-        """Take a fall of SelectRecipe."""
+        """Handle a fall of SelectRecipe."""
         self._current, self.is_loaded, self.error = None, False, None
 
     def refused(self, request: RecipeRequest, kind: RecipeRefusal) -> None:
-        """Take the refusal of a request."""
+        """Handle the refusal of a request."""
         if self.loading is request:
             self.loading = None
         if self._current is request:
             self.error = kind
 
     def tell(self, event: RecipeLoaded) -> None:
-        """Take a recipe that the station has loaded, for the PLC or for somebody else."""
+        """Handle a recipe that the station has loaded, for the PLC or for somebody else."""
         request = self.loading
         if request is not None and (event.by, event.name) == (ASKER.name, request.name):
             self.loading = None
@@ -110,14 +112,20 @@ class TriggerRequest:
 
 
 class Handshake:
-    """Registers for a PLC and reactions to its writes, not thread-safe; a PLC that triggers gets
-    results of its parts only.
+    """Registers for a PLC, and reactions to its writes. Not thread-safe.
+
+    A PLC that triggers gets only the results of its own parts.
     """
 
     def __init__(
-        self, session: int, *, is_trigger: bool, station: StationState, recipes: Sequence[str] = ()
+        self,
+        session: int,
+        *,
+        plc_triggers: bool,
+        station: StationState,
+        recipes: Sequence[str] = (),
     ) -> None:
-        self._session, self._is_trigger = session, is_trigger
+        self._session, self._plc_triggers = session, plc_triggers
         self._station, self._recipes = station, recipes  # the state after the last event
         self._written = [0] * PLC_WORDS
         # The last rise of Trigger, and the one that the station has not answered.
@@ -147,8 +155,9 @@ class Handshake:
         return list(self._written)
 
     def write(self, address: int, words: Sequence[int]) -> TriggerRequest | None:
-        """Take one write of the PLC; return its trigger; ValueError, and no change, for bits or
-        registers that it must not set.
+        """Handle one write of the PLC, and return its trigger, if it is one.
+
+        ValueError, without any change, for bits or registers that the PLC must not set.
         """
         first = address - PLC_ADDRESS
         if first < 0 or first + len(words) > PLC_WORDS:
@@ -178,7 +187,7 @@ class Handshake:
         return None
 
     def answered(self, request: TriggerRequest, answer: Answer) -> None:
-        """Take the station's answer to the request that `write` returned last."""
+        """Handle the station's answer to the request that `write` returned last."""
         if self._unanswered is request:
             self._unanswered = None
         if isinstance(answer, Accepted):
@@ -192,12 +201,12 @@ class Handshake:
     # The station.
 
     def tell(self, live: LiveEvent) -> None:
-        """Take an event of the station, and the state after it."""
+        """Handle an event of the station, and the state after it."""
         self._station = live.state
         match live.event:
             case RecipeLoaded() as recipe:
                 self.selection.tell(recipe)
-            case PartBegun(_, number) if not self._is_trigger:
+            case PartBegun(_, number) if not self._plc_triggers:
                 self._begun = number
             case ExposureComplete(_, number):
                 self._exposed = number
@@ -298,7 +307,7 @@ class Handshake:
 
     def _refusal(self) -> tuple[Refusal, str] | None:
         """Why the handshake would refuse any trigger now."""
-        if not self._is_trigger:
+        if not self._plc_triggers:
             return Refusal.OTHER_TRIGGER, "triggers do not come from the PLC"
         if self._unanswered is not None:
             return Refusal.UNANSWERED, "busy: another trigger is not answered yet"
@@ -325,25 +334,25 @@ class Handshake:
     # Results.
 
     def _add(self, result: PartResult) -> None:
-        if self._is_trigger and result.trigger != SOURCE:
+        if self._plc_triggers and result.trigger != SOURCE:
             return
         self._waiting.append(result)
-        if not self._is_trigger and len(self._waiting) > MAX_WAITING:
+        if not self._plc_triggers and len(self._waiting) > MAX_WAITING:
             self._waiting.popleft()
             self._overruns += 1
         self._show_next()
 
     def _acknowledge(self, number: int) -> None:
-        if self._shown is not None and self._shown.number % _NUMBERS == number:
+        if self._shown is not None and self._shown.number % _NUMBER_COUNT == number:
             self._shown = None
         else:
             self._is_wrong_ack = True
 
     def _show_next(self) -> None:
-        """Show the next result, unless the PLC has not seen the last one leave."""
+        """Show the next result, once the PLC has ended its acknowledgement of the last one."""
         if self._shown is None and self._waiting and not self._is_acknowledging():
             # A result can be known before the answer to its trigger.
-            if self._is_trigger and self._waiting[0].number > self._begun:
+            if self._plc_triggers and self._waiting[0].number > self._begun:
                 return
             self._shown = self._waiting.popleft()
 

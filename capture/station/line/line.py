@@ -14,17 +14,19 @@ from capture.station.run.triggers import RecipeRefusal, RecipeRefused, Trigger
 from .handshake import ASKER, SOURCE, Handshake, RecipeRequest, TriggerRequest
 
 _log = logging.getLogger(__name__)
-# Time that the last results wait for the PLC: many scans of its program.
+# Time for which the last results wait for the PLC: many scans of its program.
 _LAST_S = 3.0
 # The station's heartbeat counts up twice a second.
 TICK_S = 0.5
-# Four times the period that the README asks of a PLC.
+# Time after which an unchanged heartbeat is a fault: four times the period that the README requires
+# of a PLC.
 _SILENCE_S = 8.0
 
 
 class PlcLine:
-    """A handshake for any thread, and the thread that passes triggers on; ends when the PLC
-    acknowledges, or after `last_s`.
+    """A handshake for any thread, and the thread that passes triggers on.
+
+    It ends when the PLC has acknowledged all results, or after `last_s`.
     """
 
     def __init__(
@@ -62,7 +64,7 @@ class PlcLine:
     # The bus.
 
     def tell(self, live: LiveEvent) -> None:
-        """Take an event of the station."""
+        """Handle an event of the station."""
         with self._changed:
             self._handshake.tell(live)
             self._changed.notify_all()
@@ -78,7 +80,7 @@ class PlcLine:
             return self._handshake.plc_words()
 
     def write(self, address: int, words: Sequence[int]) -> None:
-        """Take what the PLC writes."""
+        """Handle a write of the PLC."""
         with self._changed:
             before = self._handshake.commands["heartbeat"]
             request = self._handshake.write(address, words)

@@ -33,11 +33,11 @@ from .registers import PLC, PLC_ADDRESS, PLC_WORDS, STATION, STATION_WORDS, deco
 
 _log = logging.getLogger(__name__)
 _READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)
-# A PLC, its spare, a panel of the line and a few programs of engineers.
+# Largest number: for a PLC, its spare, a panel of the line and a few programs of engineers.
 MAX_CONNECTIONS = 16
-# A PLC polls several times a second; one that was silent for so long leaves if another one comes.
+# Time of silence after which a client makes room for a new one. A PLC polls several times a second.
 IDLE_S = 10.0
-# A hundred answers: a client with more unread answers does not read.
+# Largest size of unread answers, about a hundred: a client with more of them does not read.
 _MAX_UNREAD_BYTES = 16 * 1024
 # A client that acknowledges nothing for this long does not read, or is gone. The bound above does
 # not detect this: Linux can drop what arrives at a full client, with the acknowledgements of the
@@ -48,8 +48,8 @@ _START_S = 60.0
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 
-class _Counted(ModbusPDU):
-    """Answers a wrong quantity with exception 3; pymodbus takes it for an unknown function."""
+class _WithCountCheck(ModbusPDU):
+    """Answers a wrong count with exception 3; pymodbus would report an unknown function."""
 
     _is_wrong = False
 
@@ -65,15 +65,15 @@ class _Counted(ModbusPDU):
         return await super().datastore_update(context, device_id)
 
 
-class _ReadHolding(_Counted, ReadHoldingRegistersRequest):
+class _ReadHolding(_WithCountCheck, ReadHoldingRegistersRequest):
     pass
 
 
-class _ReadInput(_Counted, ReadInputRegistersRequest):
+class _ReadInput(_WithCountCheck, ReadInputRegistersRequest):
     pass
 
 
-class _ReadWrite(_Counted, ReadWriteMultipleRegistersRequest):
+class _ReadWrite(_WithCountCheck, ReadWriteMultipleRegistersRequest):
     pass
 
 
@@ -121,20 +121,21 @@ class _Server(ModbusTcpServer):
         return _Connection(self)
 
     def admits(self, new: _Connection) -> bool:
-        """Whether a client may stay; the one that was silent longest may have to leave for it."""
+        """Whether a client may stay; the one that was silent longest may be closed for it."""
         if self._plc_addresses and _peer(new) not in self._plc_addresses:
             return False
+        connections = cast(dict[str, _Connection], self.active_connections).values()
         others = [
-            each
-            for each in cast(dict[str, _Connection], self.active_connections).values()
-            if each is not new and each.transport is not None and not each.transport.is_closing()
+            other
+            for other in connections
+            if other is not new and other.transport and not other.transport.is_closing()
         ]
         if len(others) < MAX_CONNECTIONS:
             return True
-        silent = min(others, key=lambda each: each.heard_s)
-        if time.monotonic() - silent.heard_s < IDLE_S:
+        quietest = min(others, key=lambda other: other.heard_s)
+        if time.monotonic() - quietest.heard_s < IDLE_S:
             return False
-        cast(asyncio.Transport, silent.transport).abort()
+        cast(asyncio.Transport, quietest.transport).abort()
         return True
 
     async def _serve(
@@ -146,7 +147,7 @@ class _Server(ModbusTcpServer):
         registers: list[int],
         values: Any,
     ) -> ExcCodes | None:
-        """Fill in the registers before they are read; take what is written."""
+        """Fill in the registers before they are read, and pass on what is written."""
         if function not in (*_READS, *_WRITES):
             return ExcCodes.ILLEGAL_FUNCTION
         if values is not None:
@@ -159,7 +160,7 @@ class _Server(ModbusTcpServer):
         registers[first : first + PLC_WORDS] = self._line.plc_words()
         return None
 
-    async def keep(self, where: str) -> None:
+    async def maintain(self, where: str) -> None:
         """Count heartbeats, and close connections that do not read."""
         while True:
             transports = [connection.transport for connection in self.active_connections.values()]
@@ -206,10 +207,10 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
         server = _Server(line, listener, {str(address) for address in settings.plc_addresses})
         await server.serve_forever(background=True)
         started.set()
-        keeper = asyncio.create_task(server.keep(where))
-        keeper.add_done_callback(_log_failure)
+        maintenance = asyncio.create_task(server.maintain(where))
+        maintenance.add_done_callback(_log_failure)
         await stopping.wait()
-        keeper.cancel()
+        maintenance.cancel()
         await server.shutdown()
 
     def run() -> None:
@@ -235,15 +236,16 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
         thread.join()
 
 
-def _log_failure(keeper: asyncio.Task[None]) -> None:
-    """Log why the heartbeat stopped, by which the PLC sees it."""
-    if not keeper.cancelled() and (error := keeper.exception()) is not None:
+def _log_failure(maintenance: asyncio.Task[None]) -> None:
+    """Log why the heartbeat stopped; the PLC notices that it did."""
+    if not maintenance.cancelled() and (error := maintenance.exception()) is not None:
         _log.error("the heartbeat to the PLC stopped", exc_info=error)
 
 
 class PlcConnection:
-    """Connection of a program that plays the PLC, by whole pages; `ConnectionError` without an
-    answer.
+    """Connection of a program that acts as the PLC, and reads and writes whole pages.
+
+    Without an answer it raises `ConnectionError`.
     """
 
     def __init__(self, host: str, port: int, timeout_s: float = 3.0) -> None:
@@ -260,14 +262,14 @@ class PlcConnection:
 
     def read(self) -> dict[str, Any]:
         """Return what the station shows, by name, of one moment."""
-        answer = self._asked(self._client.read_input_registers, 0, count=STATION_WORDS)
+        answer = self._answer_to(self._client.read_input_registers, 0, count=STATION_WORDS)
         return decoded(STATION, answer.registers)
 
     def write(self, values: dict[str, Any]) -> None:
         """Write all that a PLC writes."""
-        self._asked(self._client.write_registers, PLC_ADDRESS, encoded(PLC, values))
+        self._answer_to(self._client.write_registers, PLC_ADDRESS, encoded(PLC, values))
 
-    def _asked(self, call: Any, *args: Any, **options: Any) -> Any:
+    def _answer_to(self, call: Any, *args: Any, **options: Any) -> Any:
         try:
             answer = call(*args, **options)
         except ModbusException as error:

@@ -21,18 +21,20 @@ from capture.station.run.events import (
 )
 from capture.station.run.live_view import LiveEvent
 
-# A result and two states for each part: five minutes of a line with a part a second; 2 kB each.
+# Largest number of waiting messages, of 2 kB each. With a result and two states for each part it
+# covers five minutes of a line with a part a second.
 MAX_WAITING = 1000
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
-# At the end of a run, how long the last results wait for the broker.
+# Time for which the last results wait for the broker at the end of a run.
 _LAST_S = 2.0
 _KEEP_ALIVE_S = 30
 _RECONNECT_S = 1, 30
 
 
 class MqttPublisher:
-    """Publishes announcements in order from its own thread, each until the broker confirms it, and
-    drops the oldest beyond `MAX_WAITING`.
+    """Publishes announcements in their order, from its own thread.
+
+    Each one is repeated until the broker confirms it. Beyond `MAX_WAITING` the oldest are dropped.
     """
 
     def __init__(self, settings: MqttConfig, log: Callable[[str], None]) -> None:
@@ -54,7 +56,7 @@ class MqttPublisher:
         client_id = f"ps4rig-{hashlib.sha256(settings.topic.encode()).hexdigest()[:16]}"
         self._client = Client(CallbackAPIVersion.VERSION2, client_id=client_id)
         self._client.on_connect = self._connected
-        self._client.on_connect_fail = lambda *_: self._say("cannot be reached")
+        self._client.on_connect_fail = lambda *_: self._log_change("cannot be reached")
         self._client.on_disconnect = self._disconnected
         self._client.on_publish = self._confirmed
         self._client.reconnect_delay_set(*_RECONNECT_S)
@@ -83,7 +85,7 @@ class MqttPublisher:
         self._client.loop_stop()
 
     def tell(self, live: LiveEvent) -> None:
-        """Take an event of the station."""
+        """Handle an event of the station."""
         match live.event:
             case PartAnnounced(result) | PartRecovered(result):
                 name, text = "result", json.dumps(result.row)
@@ -123,26 +125,27 @@ class MqttPublisher:
             self._send(topic, text)
 
     def _send(self, topic: str, text: str) -> None:
-        """Send a message, which paho repeats after a lost connection, and wait until the broker has
-        confirmed it.
+        """Send a message, and wait until the broker has confirmed it.
+
+        After a lost connection, paho sends it again.
         """
         # Without the lock: paho calls `_confirmed` while it holds its own.
-        number = self._client.publish(topic, text, qos=1, retain=True).mid
+        message_id = self._client.publish(topic, text, qos=1, retain=True).mid
         with self._changed:
-            self._changed.wait_for(lambda: self._is_closed or number in self._confirmed_ids)
+            self._changed.wait_for(lambda: self._is_closed or message_id in self._confirmed_ids)
             self._is_sending = False
             self._changed.notify_all()
 
     # What paho calls, from its own thread.
 
-    def _confirmed(self, _client: Client, _data: Any, number: int, *_: Any) -> None:
+    def _confirmed(self, _client: Client, _data: Any, message_id: int, *_: Any) -> None:
         with self._changed:
-            self._confirmed_ids.add(number)
+            self._confirmed_ids.add(message_id)
             self._changed.notify_all()
 
     def _connected(self, client: Client, _data: Any, _flags: Any, reason: Any, *_: Any) -> None:
         if reason.is_failure:
-            self._say(f"not connected: {reason}")
+            self._log_change(f"not connected: {reason}")
             return
         # Published at each connection. With confirmation, paho would keep one message for each
         # connection that a broker closes before it confirms, and send them all before any result.
@@ -155,14 +158,14 @@ class MqttPublisher:
                 (topic, text) for topic, text in self._last.items() if topic not in waiting_topics
             ]
             self._changed.notify_all()
-        self._say("connected")
+        self._log_change("connected")
 
     def _disconnected(self, _client: Client, _data: Any, _flags: Any, reason: Any, *_: Any) -> None:
         with self._changed:
             self._is_connected = False
-        self._say(f"not connected: {reason}")
+        self._log_change(f"not connected: {reason}")
 
-    def _say(self, text: str) -> None:
+    def _log_change(self, text: str) -> None:
         if text != self._last_logged and not self._is_closed:
             self._last_logged = text
             self._log(f"{self._where}: {text}")

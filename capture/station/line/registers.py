@@ -177,10 +177,11 @@ def decoded(registers: Sequence[Register], words: Sequence[int]) -> dict[str, An
     values: dict[str, Any] = {}
     first = registers[0].address
     for register in registers:
-        own = words[register.address - first :][: register.words]
+        value = words[register.address - first :][: register.words]
         if register.type == "text":
-            data = b"".join(word.to_bytes(2, "big") for word in own)
+            data = b"".join(word.to_bytes(2, "big") for word in value)
             values[register.name] = data.decode("ascii", "replace").rstrip("\0 ")
         else:
-            values[register.name] = own[0] << 16 | own[1] if register.type == "u32" else own[0]
+            is_double = register.type == "u32"
+            values[register.name] = value[0] << 16 | value[1] if is_double else value[0]
     return values

@@ -109,7 +109,7 @@ def _run_a_station(folder: Path, port: int, session: int, journal: Journal) -> N
     journal.write(session=session, began_utc=utc_text(timespec="milliseconds"))
     with station_folder(folder) as opened:
         live = LiveStation(opened.config.name, simulated=True)
-        handshake = Handshake(session, is_trigger=True, station=live.state, recipes=RECIPES)
+        handshake = Handshake(session, plc_triggers=True, station=live.state, recipes=RECIPES)
         line = PlcLine(live, handshake)
         with (
             live.telling(line.tell),

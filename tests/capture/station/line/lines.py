@@ -59,7 +59,7 @@ def running_line(
     folder: Path,
     captured: CapturedSet,
     *,
-    is_trigger: bool = True,
+    plc_triggers: bool = True,
     before: Callable[[Bench], None] = lambda _: None,
     session: int = SESSION,
     now_s: Callable[[], float] = time.monotonic,
@@ -69,7 +69,7 @@ def running_line(
         station = stack.enter_context(bench(folder, captured))
         before(station)
         live = LiveStation(station.folder.config.name, simulated=True)
-        handshake = Handshake(session, is_trigger=is_trigger, station=live.state)
+        handshake = Handshake(session, plc_triggers=plc_triggers, station=live.state)
         line = PlcLine(live, handshake, now_s, last_s=0.0)
         station.live, station.listen = live, line.tell
         stopping = threading.Event()

@@ -70,7 +70,7 @@ def tell(handshake: Handshake, event: Event) -> None:
 
 def ready(**options: Any) -> Handshake:
     production = replace(BEFORE, simulated=False)
-    handshake = Handshake(7, **{"is_trigger": True, "station": production} | options)
+    handshake = Handshake(7, **{"plc_triggers": True, "station": production} | options)
     tell(handshake, StateChanged(State.READY, Change.TESTED))
     return handshake
 
@@ -148,7 +148,7 @@ def test_every_verdict_and_state_has_a_code_of_its_own() -> None:
         ({}, {"part_id": "part-000001"}, Refusal.PART_ID),
         ({"recipes": ("brass", "steel")}, {"recipe": 1}, Refusal.RECIPE),
         ({}, {"recipe": 9}, Refusal.RECIPE),
-        ({"is_trigger": False}, {}, Refusal.OTHER_TRIGGER),
+        ({"plc_triggers": False}, {}, Refusal.OTHER_TRIGGER),
     ],
 )
 def test_a_trigger_that_the_handshake_refuses_has_a_code_and_is_to_be_recorded(
@@ -326,7 +326,7 @@ def test_a_plc_that_triggers_gets_the_results_of_its_own_parts_alone() -> None:
 
 
 def test_a_plc_that_does_not_trigger_gets_all_results_and_the_last_ones_if_it_is_away() -> None:
-    handshake = ready(is_trigger=False)
+    handshake = ready(plc_triggers=False)
     for number in range(1, MAX_WAITING + 4):
         tell(handshake, PartBegun("x", number))
         assert status(handshake) & (Status.EXPOSURE_COMPLETE | Status.BUSY) == Status.BUSY
@@ -395,7 +395,7 @@ class Belt(RuleBasedStateMachine):
 
     def start_station(self) -> None:
         self.session = next(self.sessions)
-        self.station = Handshake(self.session, is_trigger=True, station=BEFORE, recipes=RECIPES)
+        self.station = Handshake(self.session, plc_triggers=True, station=BEFORE, recipes=RECIPES)
         self.selected: RecipeRequest | None = None  # the last one that was answered
         self.request: TriggerRequest | None = None
         self.unanswered: tuple[TriggerRequest, int] | None = None

@@ -47,7 +47,7 @@ def ask_for(line: PlcLine, trigger_id: int, part_id: str) -> None:
 
 def test_refusals_before_the_station_takes_triggers_are_recorded_with_it() -> None:
     live, results = LiveStation("line-1", simulated=True), Recorder()
-    line = PlcLine(live, Handshake(session=7, is_trigger=False, station=live.state), last_s=0.0)
+    line = PlcLine(live, Handshake(session=7, plc_triggers=False, station=live.state), last_s=0.0)
     with line:
         ask_for(line, 1, "A-1")
         with live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
@@ -57,7 +57,7 @@ def test_refusals_before_the_station_takes_triggers_are_recorded_with_it() -> No
 
 def test_a_plc_that_comes_before_the_station_takes_triggers_is_refused() -> None:
     live, results = LiveStation("line-1", simulated=True), Recorder()
-    handshake = Handshake(session=7, is_trigger=True, station=live.state, recipes=("brass",))
+    handshake = Handshake(session=7, plc_triggers=True, station=live.state, recipes=("brass",))
     line = PlcLine(live, handshake, last_s=0.0)
     with line, live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
         values = NOTHING | {"trigger_id": 1, "part_id": "A-1", "commands": Command.TRIGGER}
@@ -82,7 +82,7 @@ def test_the_end_waits_for_the_last_answer_and_no_longer(monkeypatch: pytest.Mon
 
     live = LiveStation("line-1", simulated=True)
     live.attach(Slow())  # type: ignore[arg-type]
-    line = PlcLine(live, Handshake(session=7, is_trigger=True, station=live.state), last_s=WAIT_S)
+    line = PlcLine(live, Handshake(session=7, plc_triggers=True, station=live.state), last_s=WAIT_S)
     is_busy = Handshake.is_busy.fget
     assert is_busy is not None
 
@@ -105,7 +105,7 @@ def test_a_defect_while_a_recipe_loads_is_an_answer_to_the_plc() -> None:
             raise ValueError("a defect")
 
     live = LiveStation("line-1", simulated=True)
-    handshake = Handshake(session=7, is_trigger=True, station=live.state, recipes=("brass",))
+    handshake = Handshake(session=7, plc_triggers=True, station=live.state, recipes=("brass",))
     line = PlcLine(live, handshake, last_s=0.0)
     with line:
         live.attach(Defective())  # type: ignore[arg-type]
@@ -122,7 +122,7 @@ def test_a_heartbeat_that_stops_is_logged(
         raise ValueError("a defect")
 
     live = LiveStation("line-1", simulated=True)
-    line = PlcLine(live, Handshake(session=7, is_trigger=False, station=live.state), last_s=0.0)
+    line = PlcLine(live, Handshake(session=7, plc_triggers=False, station=live.state), last_s=0.0)
     monkeypatch.setattr(line, "tick", fail)
     with caplog.at_level(logging.ERROR), serving_modbus(line, ModbusConfig(port=0)):
         until_so(lambda: "heartbeat" in caplog.text)

@@ -253,7 +253,7 @@ def test_a_plc_whose_heartbeat_stops_is_shown_as_a_fault(
 
 def test_a_taken_port_is_named() -> None:
     live = LiveStation("line-1", simulated=True)
-    line = PlcLine(live, Handshake(SESSION, is_trigger=True, station=live.state))
+    line = PlcLine(live, Handshake(SESSION, plc_triggers=True, station=live.state))
     with socket.create_server(("127.0.0.1", 0)) as other:
         settings = ModbusConfig(port=other.getsockname()[1])
         with (
