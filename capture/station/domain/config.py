@@ -169,8 +169,10 @@ def example_config(name: str) -> str:
     return "\n".join([*head, *_entries(StationConfig, {"name": name, "recipe": "example"})]) + "\n"
 
 
-def _entries(model: type[BaseModel], given: Mapping[str, Any], off: str = "") -> Iterator[str]:
-    """Yield all keys with their defaults, then the sections; `off` comments out each line."""
+def _entries(
+    model: type[BaseModel], given: Mapping[str, Any], comment_mark: str = ""
+) -> Iterator[str]:
+    """Yield all keys with their defaults, then the sections; each line after the mark."""
     sections = []
     for key, field in model.model_fields.items():
         kinds = (field.annotation, *get_args(field.annotation))
@@ -178,12 +180,12 @@ def _entries(model: type[BaseModel], given: Mapping[str, Any], off: str = "") ->
             (kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Section)), None
         )
         if section is not None:
-            off_section = "# " if field.default is None else ""
-            sections += ["", f"# {field.description}", f"{off_section}[{key}]"]
-            sections += _entries(section, {}, off_section)
+            section_mark = "# " if field.default is None else ""
+            sections += ["", f"# {field.description}", f"{section_mark}[{key}]"]
+            sections += _entries(section, {}, section_mark)
             continue
         value = given.get(key, None if field.is_required() else field.default)
         shown = (field.examples or [None])[0] if value is None else value
-        mark = "# " if value is None else off
+        mark = "# " if value is None else comment_mark
         yield f"{mark}{key} = {json.dumps(shown)}  # {field.description}"
     yield from sections

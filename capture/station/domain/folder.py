@@ -24,13 +24,15 @@ RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
 _LOCK = "station.lock"
 # A larger log is renamed to station.log.1: after about 80,000 parts with a line of 100 bytes each.
 _MAX_LOG_BYTES = 8 << 20
-FILE = "loaded-recipe.json"
-_MAX_BYTES = 1 << 12
+# The file of `_LastRecipe`.
+LAST_RECIPE = "loaded-recipe.json"
+_MAX_RECIPE_BYTES = 1 << 12
 
 
 class StationFolder:
-    """A station on disk for reading (`station_folder` opens one for writing), only by its owner
-    unless `is_foreign`.
+    """A station on disk, for reading; `station_folder` opens one for writing.
+
+    Unless `is_foreign`, the folder must belong to the user.
     """
 
     def __init__(self, path: Path, *, is_foreign: bool = False) -> None:
@@ -57,7 +59,7 @@ class StationFolder:
         return RecipeFolder(self.path / RECIPES / f"{name}.toml", self.path / RECIPES / name)
 
     def has_sets(self) -> bool:
-        """Whether sets of parts exist, which a new database would overwrite: it counts from 1."""
+        """Whether sets of parts exist. A new database would overwrite them: it counts from 1."""
         return any(self.parts.glob(f"*/*{SET_SUFFIX}"))
 
     def log(self, line: str) -> None:
@@ -93,7 +95,7 @@ def make_station(path: Path) -> None:
     for folder in (path / RECIPES, path / PARTS):
         make_folder(folder)
     path.chmod(0o750)
-    # Written last: a folder with a configuration is whole.
+    # Written last, so that a folder with a configuration is complete.
     with durable_file(path / CONFIG) as temporary:
         temporary.write_text(example_config(path.absolute().name), encoding="utf-8")
         read_config(temporary)  # a folder whose name cannot name a station is refused
@@ -109,16 +111,18 @@ class _LastRecipe(Record):
 
 
 def first_recipe(folder: StationFolder) -> str:
-    """Return the recipe of the next run: the last loaded one, unless ``station.toml`` has changed
-    its `recipe` since.
+    """Return the recipe of the next run: the last loaded one.
+
+    If `recipe` in ``station.toml`` was changed since, it is that one.
     """
-    path, configured = folder.path / FILE, folder.config.recipe
+    path, configured = folder.path / LAST_RECIPE, folder.config.recipe
     if not path.exists():
         return configured
-    last = _LastRecipe.read(path, _MAX_BYTES, f"remove it to begin with recipe {configured}")
+    advice = f"remove it to begin with recipe {configured}"
+    last = _LastRecipe.read(path, _MAX_RECIPE_BYTES, advice)
     return last.loaded if last.configured == configured else configured
 
 
 def keep_recipe(folder: StationFolder, name: str) -> None:
     """Store the recipe with which the next run begins; InputError if it cannot be written."""
-    _LastRecipe(configured=folder.config.recipe, loaded=name).write(folder.path / FILE)
+    _LastRecipe(configured=folder.config.recipe, loaded=name).write(folder.path / LAST_RECIPE)

@@ -160,11 +160,12 @@ def listening_socket(
     port: int,
     *,
     advice: str,
-    most_unacknowledged_ms: int,
+    max_unacknowledged_ms: int,
     send_buffer_bytes: int | None = None,
 ) -> socket.socket:
-    """Listen on a port of its own (0: a free one), with all options set before, because connections
-    inherit them.
+    """Listen on a port (0: a free one) that no other program uses.
+
+    All options are set before, because connections inherit them.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
@@ -174,10 +175,10 @@ def listening_socket(
         else:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         if hasattr(socket, "TCP_USER_TIMEOUT"):  # not on Windows
-            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, most_unacknowledged_ms)
+            listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, max_unacknowledged_ms)
         if send_buffer_bytes is not None:
             listener.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, send_buffer_bytes)
-        # A peer that vanished without a word is noticed after 10 + 3 * 5 s.
+        # A peer that vanished without closing is noticed after 10 + 3 * 5 s.
         listener.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         for option, value in (("TCP_KEEPIDLE", 10), ("TCP_KEEPINTVL", 5), ("TCP_KEEPCNT", 3)):
             if hasattr(socket, option):

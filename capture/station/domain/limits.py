@@ -1,7 +1,7 @@
 """`Limits` of a recipe, and `LimitedMeasures`: the measures of a part that they bound.
 
-To add a measure: its field in `LimitedMeasures`, which is its column in the results, and its row in
-`Limits`. The verdict, the texts of a recipe, forms and pages read the rows.
+A new measure needs a field in `LimitedMeasures`, which is also its column in the results, and a row
+in `Limits`. The verdict, the texts of a recipe, forms and pages read the rows.
 """
 
 from collections.abc import Iterator

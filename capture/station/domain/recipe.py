@@ -56,8 +56,9 @@ class Light(Section):
 
 
 class CalibrationRule(Section):
-    """Whether a calibration is required, and the greatest age of its oldest part (usually 365 days:
-    ILAC-G24, OIML D 10).
+    """Whether a calibration is required, and the greatest age of its oldest part.
+
+    The usual age is 365 days (ILAC-G24, OIML D 10).
     """
 
     required: bool = Field(
@@ -160,7 +161,7 @@ class Recipe(Section):
         return self.approval is not None and self.approval.sha256 == self.sha256
 
     def limits_for(self, texture: str) -> Limits:
-        """Return the limits of a texture: its own ones, and the general ones for the rest."""
+        """Return the limits of a texture: its own, and where it has none the general ones."""
         own = self.limits_of.get(texture, Limits())
         return Limits.model_validate({**dict(self.limits), **own.model_dump(exclude_none=True)})
 

@@ -20,8 +20,8 @@ _LOCK = "teaching.lock"
 _VERSION = re.compile(r"version-([1-9][0-9]{0,9})")
 
 
-class _In:
-    """A path in the folder of its owner."""
+class _PathIn:
+    """A path in the `folder` of the object whose attribute it is."""
 
     def __init__(self, name: str) -> None:
         self._name = name
@@ -36,11 +36,11 @@ class RecipeFolder:
 
     file: Path
     folder: Path
-    sets = _In("sets")  # the taught sets
-    challenge = _In("challenge")  # the challenge set
-    replay = _In("challenge.json")  # outcome of the last replay of the challenge set
-    gauge = _In("gauge.json")  # report of the last gauge study
-    faults = _In("faults.json")  # outcome of the last study of faults that nobody configured
+    sets = _PathIn("sets")  # the taught sets
+    challenge = _PathIn("challenge")  # the challenge set
+    replay = _PathIn("challenge.json")  # outcome of the last replay of the challenge set
+    gauge = _PathIn("gauge.json")  # report of the last gauge study
+    faults = _PathIn("faults.json")  # outcome of the last study of faults that nobody configured
 
     @property
     def name(self) -> str:
@@ -70,11 +70,11 @@ class TaughtFiles:
     """Files that teaching made for one version of a recipe."""
 
     folder: Path
-    library = _In("textures.ps4lib")  # the texture library
-    taught = _In("taught.json")  # the measurements of teaching
-    report = _In("teaching.html")  # the report of teaching, a page for people
+    library = _PathIn("textures.ps4lib")  # the texture library
+    taught = _PathIn("taught.json")  # the measurements of teaching
+    report = _PathIn("teaching.html")  # the report of teaching, a page for people
     # The recipe with the measured limits, also where people set other ones.
-    measured = _In("measured.toml")
+    measured = _PathIn("measured.toml")
 
     def defects(self, number: int) -> Path:
         """Return the defect model of the nth texture that passes, from 1."""

@@ -26,8 +26,9 @@ _CODES = {
 
 
 class Cause(StrEnum):
-    """Why a part did not pass, the gravest first: name, verdict, code for a PLC (never reused) and
-    meaning.
+    """Why a part did not pass, the gravest first.
+
+    A row has the name, the verdict, the code for a PLC, which is never reused, and the meaning.
     """
 
     decision: Decision

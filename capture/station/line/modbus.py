@@ -194,7 +194,7 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
         settings.host,
         settings.port,
         advice="give another host or port in station.toml",
-        most_unacknowledged_ms=_MAX_UNACKNOWLEDGED_MS,
+        max_unacknowledged_ms=_MAX_UNACKNOWLEDGED_MS,
         send_buffer_bytes=_MAX_UNREAD_BYTES,
     )
     where = f"{settings.host}:{listener.getsockname()[1]}"

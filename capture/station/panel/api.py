@@ -23,7 +23,7 @@ from capture.station.results.audit import (
 )
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import (
-    ROWS_AT_A_TIME,
+    PAGE_ROWS,
     HistoryEntry,
     Override,
     Selection,
@@ -279,7 +279,7 @@ def _parts_csv(call: ByOperator, _: Turn, filters: Annotated[Filters, Query()]) 
     first = list(islice(entries, 1))
     lines = csv_pieces(chain(first, entries))
     # Each piece goes through a thread: one for each line would cost more than the lines.
-    pieces: Iterator[str] = iter(lambda: "".join(islice(lines, ROWS_AT_A_TIME)), "")
+    pieces: Iterator[str] = iter(lambda: "".join(islice(lines, PAGE_ROWS)), "")
     name = f"{call.panel.folder.config.name}-parts.csv"
     headers = {"Content-Disposition": f'attachment; filename="{name}"'}
     return StreamingResponse(pieces, media_type="text/csv", headers=headers)

@@ -23,7 +23,7 @@ def panel_listener(folder: Path, settings: PanelConfig) -> socket.socket:
         settings.port,
         advice="give another port with --port, or --no-panel",
         # What a vanished browser has not acknowledged can be too little for the server to see.
-        most_unacknowledged_ms=round(1000 * SEND_S),
+        max_unacknowledged_ms=round(1000 * SEND_S),
     )
 
 

@@ -22,7 +22,7 @@ from .schema import changes
 from .store import AppendElsewhere, ResultStore, open_store
 
 CHANGE_TIMEOUT_S = 5.0
-"""A page that waits longer for a locked database says so."""
+"""Time for which a page waits for a locked database."""
 _MAX_NAME_LENGTH = 200  # as in the approval of a recipe
 # Categories of Unicode: control, format (such as a change of direction), surrogates, separators.
 _CONTROL = ("Cc", "Cf", "Cs", "Zl", "Zp")
@@ -85,7 +85,7 @@ class ResultsAccess:
         return self._opened(create=False)
 
     def made(self) -> ResultStore:
-        """Return the results, made if there are none and no sets of parts either; see `store`."""
+        """Return the results; make the database if there is none, and no set of a part either."""
         return self._opened(create=not self._folder.has_sets())
 
     def _opened(self, *, create: bool) -> ResultStore:
@@ -161,7 +161,7 @@ def override_part(
     by: str,
     reason: str,
 ) -> Decision:
-    """Give a part another verdict beside the station's; the same again changes nothing."""
+    """Give a part another verdict beside that of the station; an equal one changes nothing."""
     part_id, given = entry.result.part_id, decision.upper()
     if given not in (Decision.PASS, Decision.FAIL):
         raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
@@ -182,7 +182,7 @@ def override_part(
 def changing_on_the_terminal(
     folder: StationFolder, by: str | None = None
 ) -> Iterator[tuple[ChangeLog, Identity]]:
-    """Yield the log of changes, and who changes the station: `by` and the user of the system."""
+    """Yield the log of changes, and the identity for it: `by` and the user of the system."""
     if by is not None and not (by.strip() and by.isprintable() and len(by) <= _MAX_NAME_LENGTH):
         raise InputError(f"--by {by[:20]!r}: give 1 to {_MAX_NAME_LENGTH} printable characters")
     user = system_user()
@@ -192,5 +192,5 @@ def changing_on_the_terminal(
 
 
 def system_user() -> str:
-    """Return the user of this process, whatever environment variables such as LOGNAME say."""
+    """Return the user of this process, not that of environment variables such as LOGNAME."""
     return user_name(os.getuid()) if hasattr(os, "getuid") else os.getlogin()

@@ -1,6 +1,7 @@
 """The chain of hashes of a station: the hash of each row covers the row and the hash before it.
 
-Who can write to the database can make all hashes anew: a head that was kept elsewhere shows it.
+Whoever can write to the database can compute all hashes anew. A head that was kept elsewhere
+reveals it.
 """
 
 import hashlib
@@ -15,8 +16,9 @@ from sqlalchemy import Connection, Table, bindparam, insert, select, union_all
 
 from .schema import CHAINED
 
-_ROWS_AT_A_TIME = 500
-# Made once: SQLAlchemy takes 2 ms to make it, more than the database takes for a result.
+_PAGE_ROWS = 500
+# The query of the last link is made only once: SQLAlchemy takes 2 ms to make it, more than the
+# database takes for a result.
 _ENDS = (
     select(table.c.link, table.c.chain_sha256)
     .where(table.c.station == bindparam("station"))
@@ -38,7 +40,7 @@ class Head:
 
 
 def append(connection: Connection, table: Table, *rows: Mapping[str, Any]) -> Head:
-    """Insert rows as next links of a station, locked by the caller; return the new end."""
+    """Insert rows as next links of a station, and return the new head; the caller has the lock."""
     last = head(connection, rows[0]["station"])
     linked = []
     for link, row in enumerate(rows, last.link + 1):
@@ -69,7 +71,7 @@ def broken_links(
     station: str,
     newest: int | None = None,
 ) -> Iterator[str]:
-    """Yield a line for each gap in the chain, and each row whose hash is not its own."""
+    """Yield a line for each gap in the chain, and for each row whose hash is wrong."""
     with reading() as connection:
         last = head(connection, station).link
     first = 1 if newest is None else max(1, last - newest + 1)
@@ -99,12 +101,12 @@ def _rows(
             select(table)
             .where(table.c.station == station, table.c.link.between(first, last))
             .order_by(table.c.link)
-            .limit(_ROWS_AT_A_TIME)
+            .limit(_PAGE_ROWS)
         )
         with reading() as connection:
             rows = [dict(row) for row in connection.execute(page).mappings()]
         yield from ((row["link"], table, row) for row in rows)
-        if len(rows) < _ROWS_AT_A_TIME:
+        if len(rows) < _PAGE_ROWS:
             return
         first = rows[-1]["link"] + 1
 

@@ -19,7 +19,8 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from capture.station.domain.verdict import Cause
 from classify.base.errors import InputError, Ps4rigError
 
-# Twice as long as another program may lock the database without an error (README.md: 10 s).
+# Default time-out: twice as long as another program may lock the database without an error
+# (README.md: 10 s).
 TIMEOUT_S = 20.0
 _CONNECT_TIMEOUT_S = 5
 _PAUSE_S = 0.01  # between two tries of a new SQLite file
@@ -32,8 +33,9 @@ _LOCK_CLASS = 0x70733472
 
 
 class ResultsUnavailable(Ps4rigError):  # noqa: N818 - the state of a server, not a fault in a call
-    """The database does not answer or cannot be written; a call was written whole or not, and may
-    be repeated.
+    """The database does not answer or cannot be written.
+
+    The call was written completely or not at all, and may be repeated.
     """
 
     exit_status = 3
@@ -67,8 +69,9 @@ def shown(url: URL) -> str:
 
 
 def sqlite_engine(url: URL, *, timeout_s: float, is_writer: bool) -> Engine:
-    """Return connections to SQLite whose commits are on disk; a writer locks at the beginning,
-    before another program can write.
+    """Return connections to SQLite whose commits are on disk.
+
+    Each transaction of a writer takes the lock at its beginning.
     """
     engine = create_engine(
         url,
@@ -97,22 +100,26 @@ def sqlite_engine(url: URL, *, timeout_s: float, is_writer: bool) -> Engine:
 
 
 def _use_write_ahead_log(connection: sqlite3.Connection, timeout_s: float) -> None:
-    """Switch to the write-ahead log; SQLite's time-out does not cover two that make the file."""
-    given_up_s = time.monotonic() + timeout_s
+    """Switch to the write-ahead log.
+
+    If two programs make the file at the same time, SQLite's time-out does not apply.
+    """
+    deadline_s = time.monotonic() + timeout_s
     while True:
         try:
             connection.execute("PRAGMA journal_mode = WAL")
             return
         except sqlite3.OperationalError as error:
             is_locked = error.sqlite_errorcode & 0xFF == sqlite3.SQLITE_BUSY
-            if not is_locked or time.monotonic() > given_up_s:
+            if not is_locked or time.monotonic() > deadline_s:
                 raise
         time.sleep(_PAUSE_S)
 
 
 def postgresql_engine(url: URL, *, timeout_s: float, writing_station: str | None) -> Engine:
-    """Return connections whose commits wait for the server's disk; that of `writing_station` holds
-    a lock against a second writer.
+    """Return connections whose commits wait for the server's disk.
+
+    A connection for `writing_station` takes the lock against a second writer.
     """
     timeout_ms = max(1, round(timeout_s * 1000))  # 0 would be no limit
     settings = f"-c synchronous_commit=on -c statement_timeout={timeout_ms}"

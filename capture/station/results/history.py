@@ -15,7 +15,7 @@ from classify.base.errors import Ps4rigError
 from .part_result import PartResult, result_of, storable
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
 
-ROWS_AT_A_TIME = 500  # held in memory
+PAGE_ROWS = 500  # number of rows that are in memory at a time
 
 
 @dataclass(frozen=True)
@@ -101,8 +101,9 @@ def entries(
     selection: Selection,
     newest: int | None,
 ) -> Iterator[HistoryEntry]:
-    """Yield parts by number, each page in its own transaction, as one that waits for a reader keeps
-    the log from emptying.
+    """Yield parts by number, each page in its own transaction.
+
+    During a transaction that waits for its reader, the write-ahead log could only grow.
     """
     if newest is not None:
         with reading() as connection:
@@ -116,9 +117,9 @@ def entries(
     last_number = 0
     while True:
         with reading() as connection:
-            page = _page(connection, selected.where(results.c.number > last_number), ROWS_AT_A_TIME)
+            page = _page(connection, selected.where(results.c.number > last_number), PAGE_ROWS)
         yield from page
-        if len(page) < ROWS_AT_A_TIME:
+        if len(page) < PAGE_ROWS:
             return
         last_number = page[-1].result.number
 
@@ -135,11 +136,11 @@ def _selected(station: str, selection: Selection) -> Select[Any]:
 
 
 def _page(
-    connection: Connection, selected: Select[Any], most: int, *, is_newest: bool = False
+    connection: Connection, selected: Select[Any], count: int, *, is_newest: bool = False
 ) -> list[HistoryEntry]:
     """Return the first selected parts by number, or the last ones, the newest first."""
     order = results.c.number.desc() if is_newest else results.c.number
-    rows = connection.execute(selected.order_by(order).limit(most))
+    rows = connection.execute(selected.order_by(order).limit(count))
     try:
         return [_entry(dict(row)) for row in rows.mappings()]
     except (TypeError, ValueError) as error:

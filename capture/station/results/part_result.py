@@ -17,7 +17,7 @@ MEASURES = (
     "orientation_deg", "distance", "limit", "margin", "blur_px",
     *(measure.name for measure in fields(LimitedMeasures)),
 )  # fmt: skip
-# Characters of a text; an exception may carry a whole document, and each part has a row.
+# Largest number of characters of a text: an exception may contain a whole document.
 MAX_TEXT = 2000
 _MAX_INTEGER = 2**63 - 1  # of a column of both databases
 
@@ -123,7 +123,7 @@ def _plain(name: str, value: Any) -> Any:
         case str():
             return storable(value)
         case tuple():
-            return [_plain(name, each) for each in value]
+            return [_plain(name, element) for element in value]
         case DefectRecord():
             return asdict(value)
         case Mapping():

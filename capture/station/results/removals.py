@@ -8,7 +8,7 @@ from sqlalchemy import Connection, Select, func, select
 from capture.station.domain.verdict import Decision
 
 from .chain import append
-from .history import ROWS_AT_A_TIME
+from .history import PAGE_ROWS
 from .schema import overrides, removed_sets, results, same_part
 from .store import ResultStore
 from .utc import require_utc
@@ -33,7 +33,7 @@ def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]
         .order_by(results.c.number)
     )
     with store.reading() as connection:
-        rows = connection.execution_options(yield_per=ROWS_AT_A_TIME).execute(statement)
+        rows = connection.execution_options(yield_per=PAGE_ROWS).execute(statement)
         yield from ((row.part_id, row.set_file) for row in rows)
 
 

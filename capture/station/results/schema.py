@@ -52,7 +52,7 @@ _TYPES: dict[object, Any] = {str: Text, int: BigInteger, bool: Boolean, float: D
 
 
 def _column(name: str, kind: Any) -> Column[Any]:
-    """The column of a field of `PartResult`; what is no text or number is JSON."""
+    """The column of a field of `PartResult`: JSON if it is neither a text nor a number."""
     [kind, *optional] = get_args(kind) if isinstance(kind, UnionType) else [kind]
     kind = str if isinstance(kind, type) and issubclass(kind, str) else kind
     return Column(name, _TYPES.get(kind, JSON), nullable=bool(optional))
@@ -63,7 +63,7 @@ def _texts(*names: str) -> Iterator[Column[Any]]:
 
 
 def _request() -> Column[Any]:
-    """A random key, which tells after a lost connection whether the row was written."""
+    """A random key, by which a program finds after a lost connection whether it wrote the row."""
     return Column("request", Text, nullable=False, unique=True)
 
 
@@ -242,8 +242,9 @@ def _stored_version(connection: Connection) -> int:
 
 
 def _append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> Iterator[str]:
-    """Statements against changes of a table and, by its unique `keys`, against ``INSERT OR
-    REPLACE``, which calls no trigger.
+    """Statements that prevent changes of a table.
+
+    ``INSERT OR REPLACE`` calls no trigger of changes, so that it is prevented by the unique `keys`.
     """
     if dialect == "postgresql":
         yield (

@@ -15,7 +15,7 @@ from classify.base.errors import InputError
 
 from .chain import head
 from .database import TIMEOUT_S, database_url, shown, unavailable_if_failing
-from .history import ROWS_AT_A_TIME
+from .history import PAGE_ROWS
 from .schema import removed_sets, results, same_part
 from .store import open_store
 
@@ -33,8 +33,9 @@ class ResultsSnapshot:
 
 
 def copy_results(address: str, station: str, target: Path) -> ResultsSnapshot:
-    """Copy the results as they are at one moment to an empty file; pg_dump also takes those of
-    other stations.
+    """Copy the results as they are at one moment to an empty file.
+
+    A copy by pg_dump also contains the results of other stations.
     """
     url = database_url(address)
     with unavailable_if_failing(url):
@@ -111,7 +112,7 @@ def _run(url: URL, command: tuple[str, ...], variables: Mapping[str, str]) -> No
 
 def _snapshot(connection: Connection, station: str) -> ResultsSnapshot:
     is_stored = removed_sets.c.part_id.is_(None)
-    rows = connection.execution_options(yield_per=ROWS_AT_A_TIME).execute(
+    rows = connection.execution_options(yield_per=PAGE_ROWS).execute(
         select(results.c.set_file, is_stored)
         .select_from(results.outerjoin(removed_sets, same_part(removed_sets, results)))
         .where(results.c.station == station)

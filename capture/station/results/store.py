@@ -78,8 +78,9 @@ AppendElsewhere = Callable[[str, list[dict[str, Any]], str | None], bool]
 
 
 class ResultStore:
-    """Results of one station for any thread, from `open_store`; each method writes one transaction
-    to disk, and `add` may be repeated.
+    """Results of one station, from `open_store`. Thread-safe.
+
+    Each method that writes makes one transaction on disk. `add` may be repeated.
     """
 
     def __init__(
@@ -107,8 +108,9 @@ class ResultStore:
             yield connection
 
     def write(self, work: Callable[[Connection], T]) -> T:
-        """Do `work` in a transaction on disk, again while PostgreSQL is unreachable: it must look
-        whether an attempt was committed.
+        """Do `work` in a transaction on disk, and repeat it while PostgreSQL is unreachable.
+
+        `work` must therefore look whether an earlier attempt was committed.
         """
         last_attempt_s = time.monotonic() + self._timeout_s
         while True:
@@ -212,7 +214,7 @@ class ResultStore:
         self.write(work)
 
     def check_writable(self, utc: str) -> None:
-        """Write a row and take it back; ResultsUnavailable if it cannot be written."""
+        """Write a row and roll it back; ResultsUnavailable if it cannot be written."""
         row = {"station": f"self-test {uuid.uuid4().hex}", "since_utc": utc}
 
         def work(connection: Connection) -> None:
@@ -248,8 +250,9 @@ class ResultStore:
     def parts(
         self, selection: Selection = EVERY_PART, *, newest: int | None = None
     ) -> Iterator[HistoryEntry]:
-        """Yield selected parts with last override and removed set by number, in pages, up to the
-        last at the beginning.
+        """Yield selected parts by number, with last override and removed set, in pages.
+
+        Parts that are added meanwhile are left out.
         """
         return entries(self.reading, self.station, selection, newest)
 
@@ -269,9 +272,7 @@ class ResultStore:
             return head(connection, self.station)
 
     def lock_station(self, connection: Connection, utc: str) -> None:
-        """Lock the numbers of this station (on SQLite the whole file) until the end of a
-        transaction.
-        """
+        """Lock the numbers of this station until the end of a transaction; on SQLite all rows."""
         row = select(stations).where(stations.c.station == self.station)
         if connection.execute(row.with_for_update()).first() is None:
             connection.execute(insert(stations).values(station=self.station, since_utc=utc))
@@ -302,8 +303,9 @@ def open_store(
     results: str, station: str, *, create: bool = False, alone: bool = True,
     timeout_s: float = TIMEOUT_S,
 ) -> ResultStore:  # fmt: skip
-    """Open the results of a station, missing tables made by `create`, `alone` against a second
-    program.
+    """Open the results of a station.
+
+    `create` makes missing tables. `alone` prevents that a second program writes.
     """
     url = database_url(results)
     if url.get_backend_name() == "sqlite":

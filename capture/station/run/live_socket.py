@@ -33,11 +33,12 @@ from .triggers import Accepted, Asker, RecipeRefusal, RecipeRefused, Refused, Tr
 
 NAME = "live.sock"
 MAX_PANELS = 8
-# A change has two texts of 2000 characters, which JSON escapes in up to 12 bytes each.
+# Largest request: a change has two texts of 2000 characters, which JSON escapes in up to 12 bytes
+# each.
 MAX_REQUEST_BYTES = 1 << 16
-# Threads that wait for the station in the name of one panel; further requests wait in its socket.
+# Largest number of requests of one panel that wait for the station; others wait in the socket.
 MAX_REQUESTS = 16
-# A panel that reads nothing for five seconds is cut off.
+# Time after which a panel that reads nothing is disconnected.
 SEND_TIME = struct.pack("ll", 5, 0)  # timeval: seconds, microseconds
 _CREDENTIALS = struct.Struct("3i")  # ucred of unix(7): process, user, group
 TRIGGER = TypeAdapter(Trigger)
@@ -45,8 +46,9 @@ _log = logging.getLogger(__name__)
 
 
 class Request(Record):
-    """A numbered call of `LiveStation`, ``append``, or ``withdraw`` (without reply): the trigger's
-    client is gone.
+    """A numbered call of `LiveStation`, ``append``, or ``withdraw``.
+
+    ``withdraw`` tells that the client of a trigger is gone, and has no reply.
     """
 
     id: int
@@ -65,8 +67,9 @@ class Reply(Record):
 
 @contextmanager
 def live_address(folder: Path) -> Iterator[str]:
-    """Yield the address of a station's socket, by the folder's descriptor on Linux: a path has 107
-    bytes at most.
+    """Yield the address of a station's socket.
+
+    On Linux it uses the folder's descriptor, because an address has at most 107 bytes.
     """
     with ExitStack() as stack:
         if not Path("/proc/self/fd").is_dir():
@@ -157,7 +160,7 @@ class _Panel:
             while not self._has_ended:
                 self._woken.wait()
                 self._woken.clear()
-                # Before the last events. Other threads set it, too, and nobody takes it back.
+                # Before the last events are sent. Other threads set it too; nobody resets it.
                 if self._subscription.is_closed:
                     self._has_ended = True
                 self._send(b"")
@@ -167,7 +170,7 @@ class _Panel:
             reading.join()
 
     def _send(self, reply: bytes) -> None:
-        """Send the events that wait, then a reply; one that lost events must begin anew."""
+        """Send the waiting events, then a reply; a panel that lost events must connect again."""
         with self._sending:
             events, lost = self._subscription.take()
             try:

@@ -14,13 +14,15 @@ from pydantic import TypeAdapter
 from .events import Event, Noted, PartAnnounced, PartRecovered, json_fields
 from .station_state import StationState
 
-# A part has four events: a browser that was disconnected for a hundred parts misses none.
+# Number of events that are kept. A part has four, so that a browser that was disconnected for a
+# hundred parts misses none.
 _KEPT_EVENTS = 400
-# Some fifty parts; a subscriber that is further behind reads the state anew.
+# Largest number of events that wait for a subscriber, those of fifty parts. One that is further
+# behind reads the state again.
 MAX_WAITING = 200
 _RATE_WINDOW_S = 60.0
-# A line of 10 parts a second fills it in the window; the rate is right with fewer, too.
-_KEPT_TIMES = 600
+# Number of times that are kept for the rate: 10 parts a second in the window.
+_KEPT_ANNOUNCEMENTS = 600
 STATE = TypeAdapter(StationState)
 
 
@@ -44,7 +46,7 @@ class LiveEvent:
 
     @cached_property
     def as_json(self) -> str:
-        """The fields and ``utc`` as one line of JSON, made once for all who want it."""
+        """The fields and ``utc`` as one line of JSON, made only once."""
         return json.dumps({"utc": self.utc, **self.fields}, allow_nan=False)
 
     @cached_property
@@ -62,8 +64,9 @@ class LiveEvent:
 
 
 class Subscription:
-    """Events that a subscriber has not taken, all lost when `MAX_WAITING` wait; `wake` is called
-    under a lock and must not wait.
+    """Events that a subscriber has not taken; all are lost when more than `MAX_WAITING` wait.
+
+    `wake` is called under a lock, and must not wait.
     """
 
     def __init__(self, wake: Callable[[], None] = lambda: None) -> None:
@@ -88,7 +91,7 @@ class Subscription:
             self._wake()
 
     def lose(self) -> None:
-        """Drop what waits and what nobody could add; called by `LiveView`."""
+        """Drop the waiting events, and one that could not be added; called by `LiveView`."""
         with self._lock:
             self._missed += len(self._waiting) + 1
             self._waiting.clear()
@@ -115,7 +118,7 @@ class LiveView:
     def __init__(self, state: StationState, now_s: Callable[[], float] = time.monotonic) -> None:
         self._lock = threading.RLock()
         self._state, self._now_s = state, now_s
-        self._announced_s: deque[float] = deque(maxlen=_KEPT_TIMES)
+        self._announced_s: deque[float] = deque(maxlen=_KEPT_ANNOUNCEMENTS)
         self._events: deque[LiveEvent] = deque(maxlen=_KEPT_EVENTS)
         self._subscriptions: set[Subscription] = set()
         self._is_closed = False
@@ -139,7 +142,7 @@ class LiveView:
                 subscription.lose()
 
     def add(self, event: LiveEvent) -> None:
-        """Take the next event."""
+        """Add the next event."""
         with self._lock:
             self._state = event.state
             if "last" in event.changed:

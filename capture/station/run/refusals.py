@@ -13,17 +13,19 @@ from capture.station.results.store import RefusedTrigger, ResultStore
 from .events import TriggerRefused
 from .triggers import Trigger
 
-# More than this wait only if the database does not answer, or a client is out of order.
+# Largest number that waits. More come only if the database does not answer, or a client is faulty.
 MAX_WAITING = 100
-# A client in a loop may not fill the database: 8 of them made 425 rows a second.
+# Largest rate, so that a client in a loop does not fill the database: 8 of them made 425 rows a
+# second.
 _ROWS_PER_S = 20.0
 # Pause between two attempts to write to a database that does not answer.
 _RETRY_S = 0.5
 
 
 class Refusals:
-    """Records refused triggers from its own thread, those beyond `MAX_WAITING` as a count in one
-    row; `add` never waits.
+    """Records refused triggers from its own thread, so that `add` never waits.
+
+    Those beyond `MAX_WAITING` are recorded as a count in one row.
     """
 
     def __init__(
@@ -54,7 +56,7 @@ class Refusals:
             thread.join()
 
     def add(self, trigger: Trigger, reason: str) -> None:
-        """Take a refused trigger; after the end it is published as not recorded."""
+        """Add a refused trigger; after the end it is published as not recorded."""
         part_id = None if trigger.part_id is None else shown_part_id(trigger.part_id)
         utc = utc_text(timespec="milliseconds")
         refused = RefusedTrigger(trigger.source, utc, reason, False, part_id)

@@ -22,17 +22,18 @@ from classify.base.errors import InputError, Ps4rigError
 _LOCK = "sets"
 # A removal of a day's files takes seconds.
 _TIMEOUT_S = 60.0
-# Files in one transaction; an interrupted removal repeats at most this many.
+# Number of files in one transaction; an interrupted removal repeats at most so many.
 _BATCH = 200
 # Least number of days with parts that stay: that of a clock set ahead, and the one before.
 _MIN_DAYS = 2
-# Sets reach their age hour by hour, so one removal is short.
+# Period of removals: an hour, so that each is short.
 PERIOD_S = 3600.0
 
 
 def is_sample(station: str, part_id: str, pass_every: int) -> bool:
-    """Whether a part that passed keeps its set file, by the hash of its id, which follows no cycle
-    of moulds.
+    """Whether a part that passed keeps its set file.
+
+    The hash of its id decides, because every nth part might come from the same mould.
     """
     digest = hashlib.sha256(f"{station}/{part_id}".encode()).digest()
     return int.from_bytes(digest[:8]) % pass_every == 0
@@ -45,31 +46,33 @@ def remove_old_sets(
     now: datetime,
     stop: Callable[[], bool] = lambda: False,
 ) -> int:
-    """Remove set files that the retention does not keep, recorded first, in batches until `stop`;
-    return how many.
+    """Remove set files that the retention does not keep, and return how many.
+
+    They are removed in batches until `stop`. Each batch is recorded first.
     """
     make_folder(folder / PARTS)
     with file_lock(folder / PARTS / _LOCK, 0.0):
         until_utc = removed_until(folder, retention, now)
         removed = _remove(folder, last_removals(store))
-        unwanted = (
+        to_remove = (
             (part_id, str(inside_parts(set_file)))
             for part_id, set_file in passed_sets(store, until_utc)
             if not is_sample(store.station, part_id, retention.pass_every)
         )
-        while not stop() and (batch := dict(islice(unwanted, _BATCH))):
+        while not stop() and (batch := dict(islice(to_remove, _BATCH))):
             record_removals(store, batch, _text(now))
             removed += _remove(folder, list(batch.values()))
     return removed
 
 
 def removed_until(folder: Path, retention: Retention, now: datetime) -> str:
-    """Return the last trigger time to remove: `Retention.pass_days` ago and ``pass_days / 2`` days
-    with parts, against a wrong clock.
+    """Return the last trigger time whose sets are removed: `Retention.pass_days` ago.
+
+    In case the clock is wrong, the last ``pass_days / 2`` days with parts stay as well.
     """
     days = sorted((day.name for day in (folder / PARTS).glob("????-??-??/")), reverse=True)
-    staying = days[: max(_MIN_DAYS, math.ceil(retention.pass_days / 2))]
-    return min([_text(now - timedelta(days=retention.pass_days)), *staying])
+    kept_days = days[: max(_MIN_DAYS, math.ceil(retention.pass_days / 2))]
+    return min([_text(now - timedelta(days=retention.pass_days)), *kept_days])
 
 
 @contextmanager

@@ -8,7 +8,7 @@ from typing import Any
 from capture.calibration.lookup import FoundCalibration, keep_beside
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.errors import ChallengeFailed, NotApproved, error_text
-from capture.station.domain.folder import FILE, StationFolder, first_recipe, keep_recipe
+from capture.station.domain.folder import LAST_RECIPE, StationFolder, first_recipe, keep_recipe
 from capture.station.domain.recipe import Recipe, require_approved
 from capture.station.domain.recipe_file import read_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
@@ -84,7 +84,7 @@ class RecipeLoader:
         except (InputError, ChallengeFailed) as error:
             if name == configured:
                 raise
-            path = self._folder.path / FILE
+            path = self._folder.path / LAST_RECIPE
             raise type(error)(
                 f"{error}; it was loaded last: remove {path} to begin with recipe {configured}"
             ) from error

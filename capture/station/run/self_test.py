@@ -24,7 +24,7 @@ from rig.doctor.light_images import capture_light_images, check_leds
 
 from .events import SelfTestFinished
 
-# Two computers that write to one database may differ by this much.
+# Allowed difference of the clocks of two computers that write to one database.
 _CLOCK_TOLERANCE = timedelta(seconds=2)
 # Hidden: a backup leaves it out, and would fail on a file that is removed meanwhile.
 _PROBE = ".self-test.tmp"
@@ -153,8 +153,9 @@ def check_setting(faults: Iterable[str]) -> Iterator[Check]:
 
 
 def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
-    """Check an open rig: dark with LEDs off, light of each, a white sheet; twice, as a disturbance
-    seldom lasts.
+    """Check an open rig: dark with LEDs off, light of each, a white sheet.
+
+    After a fault the checks are repeated, because most disturbances are short.
     """
 
     def checks() -> Iterator[Check]:

@@ -61,12 +61,13 @@ class StationRig:
         rig_config: RigConfig,
         inspector: Inspector | Collector,
     ) -> None:
-        self._config, self._given, self._inspector = config, rig_config, inspector
+        self._config, self._base_config, self._inspector = config, rig_config, inspector
         self._rig_config = self._with_light_of(inspector.recipe)
         self._rig: Rig | None = None
         self._is_simulated = rig_config.is_simulated
         self._part: ArrivedPart | None = None
-        # Number of parts of the sensor that are accounted for, and the controller that counts them.
+        # Number of parts of the sensor that were captured or refused, and the controller that
+        # counts them.
         self._counted, self._controller = 0, ""
         self._parts: dict[str, int] = {}  # numbers of the last parts by the hash of their pixels
 
@@ -81,7 +82,7 @@ class StationRig:
         return set_bytes(self._rig_config)
 
     def use(self, inspector: Inspector | Collector) -> None:
-        """Take the settings of another recipe; an open rig with other settings is opened anew."""
+        """Use the settings of another recipe; an open rig with other settings is opened again."""
         self._inspector = inspector
         before, self._rig_config = self._rig_config, self._with_light_of(inspector.recipe)
         if self._rig is not None and self._rig_config != before:
@@ -175,7 +176,7 @@ class StationRig:
 
     def _with_light_of(self, recipe: Recipe) -> RigConfig:
         settings = recipe.light.model_dump(exclude_none=True)
-        return self._given.with_changes(camera=settings) if settings else self._given
+        return self._base_config.with_changes(camera=settings) if settings else self._base_config
 
     def _place(self, number: int) -> None:
         """Put a part below the camera of a simulated rig."""

@@ -25,7 +25,7 @@ from .events import (
 )
 from .states import Change, State
 
-# The strip of the operator's page.
+# Number of rejected parts on the operator's page.
 _KEPT_REJECTED = 12
 _KEPT_WARNINGS = 12
 _GRAVITY: tuple[Status, ...] = ("off", "ok", "unknown", "warning", "fault")
@@ -51,7 +51,7 @@ class _RejectedPart:
 
 @dataclass(frozen=True)
 class StationState:
-    """What a station shows at one moment."""
+    """The state that a station shows at one moment."""
 
     station: str
     simulated: bool

@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 _POLL_S = 0.2
 _SENSOR = "sensor"
 _MISSED = "passed the sensor while the station was busy or not ready"
-# Missed parts that get a row each; a sensor that counts more between two waits is faulty, and one
-# row counts the others.
+# Largest number of missed parts with a row each. A sensor that counts more between two waits is
+# faulty; one row counts the others.
 MAX_RECORDED = 20
 
 
@@ -137,7 +137,10 @@ Answer = Accepted | Refused
 
 
 class TimerTrigger:
-    """A trigger each period, or whenever ready for 0; if late, one row counts the refused ones."""
+    """A trigger in each period, or whenever the station is ready if the period is 0.
+
+    If triggers are late, one row counts those that are refused.
+    """
 
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
         self._period_s = period_s
@@ -220,8 +223,9 @@ class PartSensor:
         self._rig, self._store = rig, store
 
     def await_part(self, station: "Station", is_over: Callable[[], bool]) -> None:
-        """Wait for a part and submit its trigger, unless `is_over`; missed parts are refused, up to
-        `MAX_RECORDED` with a row each.
+        """Wait for a part and submit its trigger, unless `is_over`.
+
+        Missed parts are refused, up to `MAX_RECORDED` of them with a row each.
         """
         missed = self._rig.missed_parts()
         for _ in range(min(missed, MAX_RECORDED)):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 from sqlalchemy import text
 
-from capture.station.results.history import ROWS_AT_A_TIME, Selection
+from capture.station.results.history import PAGE_ROWS, Selection
 from capture.station.results.store import ResultStore, open_store
 
 from .many import fill, many
@@ -15,7 +15,7 @@ from .parts import inspect
 def test_a_slow_reader_keeps_no_transaction(tmp_path: Path) -> None:
     """SQLite empties its log into the file only when nobody reads what is before it."""
     with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
-        fill(store, many("line-1", 2 * ROWS_AT_A_TIME))
+        fill(store, many("line-1", 2 * PAGE_ROWS))
         entries = store.parts()
         next(entries)
         inspect(store)
@@ -25,10 +25,10 @@ def test_a_slow_reader_keeps_no_transaction(tmp_path: Path) -> None:
             is_busy, _, _ = connection.execute(text(checkpoint)).one()
             connection.execute(text("BEGIN"))
         assert is_busy == 0
-        assert len(list(entries)) == 2 * ROWS_AT_A_TIME - 1
+        assert len(list(entries)) == 2 * PAGE_ROWS - 1
 
 
-@pytest.mark.parametrize("count", [0, 1, ROWS_AT_A_TIME, 2 * ROWS_AT_A_TIME + 1])
+@pytest.mark.parametrize("count", [0, 1, PAGE_ROWS, 2 * PAGE_ROWS + 1])
 def test_all_pages_together_have_every_part_once(tmp_path: Path, count: int) -> None:
     with open_store(str(tmp_path / "results.sqlite"), "line-1", create=True) as store:
         if count:

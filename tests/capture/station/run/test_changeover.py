@@ -9,7 +9,7 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.config import CONFIG
-from capture.station.domain.folder import FILE, StationFolder, first_recipe, keep_recipe
+from capture.station.domain.folder import LAST_RECIPE, StationFolder, first_recipe, keep_recipe
 from capture.station.run.cycle import Station
 from capture.station.run.events import (
     PartAnnounced,
@@ -427,6 +427,7 @@ def test_a_restart_begins_with_the_recipe_that_was_loaded_last(station: Bench) -
 def test_a_damaged_file_of_the_last_recipe_is_named_with_the_way_out(
     station: Bench, text: str
 ) -> None:
-    (station.folder.path / FILE).write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=rf"{FILE}: .*; remove it to begin with recipe example"):
+    (station.folder.path / LAST_RECIPE).write_text(text, encoding="utf-8")
+    advice = "remove it to begin with recipe example"
+    with pytest.raises(InputError, match=f"{LAST_RECIPE}: .*; {advice}"):
         first_recipe(station.folder)

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from capture.station.domain.errors import ChallengeFailed, NotApproved
-from capture.station.domain.folder import FILE, StationFolder, first_recipe, keep_recipe
+from capture.station.domain.folder import LAST_RECIPE, StationFolder, first_recipe, keep_recipe
 from capture.station.domain.recipe_file import read_recipe, write_recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.judge.approval import approve, roll_back
@@ -88,7 +88,7 @@ def test_a_changed_recipe_comes_into_force_when_it_is_loaded_again(
     named = [f"example, version 2, {each.recipe.sha256[:8]}" for each in (before, wanted)]
     assert [change.by, change.role, change.what] == ["kim", "engineer", "loaded recipe"]
     assert [change.before, change.after] == named
-    assert (opened.path / FILE).is_file()
+    assert (opened.path / LAST_RECIPE).is_file()
 
 
 def test_a_recipe_that_was_changed_since_somebody_saw_it_is_refused(
@@ -227,7 +227,7 @@ def test_a_last_recipe_that_cannot_be_loaded_is_named_with_the_way_out(
     opened: StationFolder, loader: RecipeLoader, store: ResultStore
 ) -> None:
     keep_recipe(opened, "brass")
-    said = rf"it was loaded last: remove .*{FILE} to begin with recipe example$"
+    said = rf"it was loaded last: remove .*{LAST_RECIPE} to begin with recipe example$"
     with pytest.raises(InputError, match=said):
         loader.first(store, quiet)
 
@@ -240,7 +240,7 @@ def test_a_last_recipe_that_fails_its_challenge_is_named_with_the_way_out(
     configure(station, recipe="brass")
     opened = StationFolder(station)
     keep_recipe(opened, "example")
-    said = rf"{sand} must be UNKNOWN.*: remove .*{FILE} to begin with recipe brass$"
+    said = rf"{sand} must be UNKNOWN.*: remove .*{LAST_RECIPE} to begin with recipe brass$"
     with pytest.raises(ChallengeFailed, match=said):
         RecipeLoader(opened, None, "Ada", StationClock()).first(store, quiet)
 
