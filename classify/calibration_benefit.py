@@ -153,8 +153,9 @@ def _draws(part: _Part, flat_field_error: float) -> Iterator[_Part]:
                 distances += lights.distance_errors * rng.standard_normal(count)
         true = Lighting(directions)
         if part.lighting.positions_px is not None:
-            far = np.linalg.norm(part.lighting.positions_px, axis=1) * np.maximum(distances, 0.1)
-            true = Lighting.near(directions * far[:, None])
+            lengths = np.linalg.norm(part.lighting.positions_px, axis=1)
+            lengths *= np.maximum(distances, 0.1)
+            true = Lighting.near(directions * lengths[:, None])
         if calibration.flat_field is None:
             shape = (part.slopes.shape[1], part.slopes.shape[2])
             sheet = _ideal_sheet(true, calibration, shape)

@@ -156,12 +156,12 @@ def symmetric_samples(size: int, step: int) -> Indices:
 
 _MAX_SAMPLES = 16_384
 _GROUPS = 4
-# Fewer samples do not determine their variance.
+# Least number of samples in a group: fewer do not determine their variance.
 _GROUP_SAMPLES = 256
-# One pixel in this many counts as level. In the flattest tenth of a rock slopes reach 0.3, and
-# highlights no longer cancel (test_gloss_is_not_taken_for_noise).
+# Of this many pixels the flattest one counts as level. In the flattest tenth of a rock slopes reach
+# 0.3, and highlights no longer cancel (test_gloss_is_not_taken_for_noise).
 _LEVEL_PIXEL_DIVISOR = 32
-# At this distance demosaicing and image compression do not correlate the noise.
+# Least distance at which demosaicing and image compression do not correlate the noise.
 _APART_PX = 2
 # Standard normal deviates: of the tenth with the smallest residuals, and 3 sigma of chi-squared
 # with one degree of freedom (9.0 in `chi_squared`), beyond which a residual is not noise.
@@ -226,8 +226,10 @@ def noise_of_sensor(sensor: SensorNoise, ambient: Array | None, gains: FloatMap)
 
 
 def noise_of_images(stack: ImageStack, gains: FloatMap, lighting: Lighting) -> float:
-    """Standard deviation of a pixel times gains: the smallest residual of the N - 3 combinations
-    that a Lambertian surface cancels; of three lights only the rounding.
+    """Standard deviation of a pixel times gains.
+
+    It is the smallest residual of the N - 3 combinations of lights that a Lambertian surface
+    cancels; with three lights there is none, and it is that of the rounding.
     """
     rounding = 0.0
     if stack.images.dtype.kind != "f":
@@ -288,18 +290,18 @@ def _flattest(values: FloatMap, lighting: Lighting) -> BoolArray | None:
     return np.asarray(squares <= np.partition(squares, count)[count])
 
 
-def _variance(energies: FloatMap, freedom: int, least: float) -> float:
+def _variance(energies: FloatMap, freedom: int, min_variance: float) -> float:
     """Variance of the Gaussian part of `energies`, each the sum of `freedom` squares."""
     ordered = np.sort(energies)
     sums = np.cumsum(ordered, dtype=np.float64)
-    variance = max(least, float(ordered[len(ordered) // 10]) / chi_squared(freedom, _TENTH))
+    tenth = float(ordered[len(ordered) // 10])
+    variance = max(min_variance, tenth / chi_squared(freedom, _TENTH))
     for _ in range(30):
-        within = int(
-            np.searchsorted(ordered, chi_squared(freedom, BEYOND_NOISE) * variance, "right")
-        )
-        if within == 0:
+        limit = chi_squared(freedom, BEYOND_NOISE) * variance
+        count = int(np.searchsorted(ordered, limit, "right"))
+        if count == 0:
             break
-        before, variance = variance, max(least, float(sums[within - 1]) / within / freedom)
+        before, variance = variance, max(min_variance, float(sums[count - 1]) / count / freedom)
         if variance == before:
             break
     return variance

@@ -108,8 +108,8 @@ class ArrayArchive:
             raise self.error(f"the header is not readable ({error})") from error
         except ValidationError as error:
             first = error.errors()[0]
-            place = ".".join(map(str, first["loc"]))
-            raise self.error(f"header field {place}: {first['msg']}") from error
+            field = ".".join(map(str, first["loc"]))
+            raise self.error(f"header field {field}: {first['msg']}") from error
 
     def array(self, name: str, dtypes: str | Collection[str]) -> Array:
         """One array of one of these types, read or mapped, after its header was checked."""
@@ -150,7 +150,7 @@ class ArrayArchive:
 
 
 def is_cut_short(array: Array) -> bool:
-    """Whether the file of a mapped array is too short now: to read it would end the process."""
+    """Whether the file of a mapped array became too short; reading it would end the process."""
     return (
         isinstance(array, np.memmap)
         and isinstance(array.base, mmap.mmap)

@@ -17,7 +17,7 @@ _log = logging.getLogger(__name__)
 
 
 class _KernelCache(FunctionCache):
-    """The machine code of one kernel, by argument types; failures cost compile time only."""
+    """The machine code of one kernel, by argument types; after a failure it is compiled again."""
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
@@ -41,8 +41,10 @@ class _KernelCache(FunctionCache):
 
 
 class _CodeFiles(IndexDataCacheFile):
-    """An index, and files of machine code named by the hash of their content: numba's numbered
-    files can be those of older source after a kill, and run without an error.
+    """An index, and files of machine code named by the hash of their content.
+
+    numba numbers these files. After a kill, one of them can be of older source, and runs without an
+    error.
     """
 
     def __init__(self, folder: str, kernel_name: str, source_stamp: object) -> None:

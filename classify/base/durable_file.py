@@ -33,16 +33,17 @@ def require_folder(path: Path) -> None:
 
 @contextmanager
 def durable_file(path: Path, temporary_folder: Path | None = None) -> Iterator[Path]:
-    """Yield a temporary path, in `temporary_folder` if given (same file system), that becomes
-    `path`, on the disk, when the block ends without an error.
+    """Yield a temporary path, which becomes `path` on the disk if the block ends without an error.
+
+    It is in `temporary_folder`, a folder of the same file system, by default that of `path`.
     """
     try:
         target = path.resolve() if path.is_symlink() else path
-        special = target.exists() and not (target.is_file() or target.is_dir())
+        is_special = target.exists() and not (target.is_file() or target.is_dir())
     except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links, up to Python 3.12
         cause = getattr(error, "strerror", None) or error
         raise InputError(f"{path}: cannot be written: {cause}") from error
-    if special:
+    if is_special:
         raise InputError(f"{path}: cannot be written: it is not a regular file")
     # Some writers choose their format by the suffix.
     with temporary_path(temporary_folder or target.parent, path, suffix=target.suffix) as temporary:
@@ -103,8 +104,9 @@ def _sync(path: Path, flags: int) -> None:
 
 @contextmanager
 def durable_folder(folder: Path, names: Collection[str], marker: str) -> Iterator[Path]:
-    """Yield a temporary folder whose files replace those called `names` in `folder` when the block
-    ends well: it is complete if it has the file `marker`.
+    """Yield a temporary folder whose files replace those called `names` in `folder`.
+
+    They do if the block ends without an error. A folder with the file `marker` is complete.
     """
     folder = folder.resolve()
     if folder.exists() and not folder.is_dir():
@@ -120,6 +122,7 @@ def durable_folder(folder: Path, names: Collection[str], marker: str) -> Iterato
             temporary.rename(folder)
             sync(folder.parent)
             return
+        # The marker is removed first, and renamed last.
         order = sorted(names, key=lambda name: name != marker)
         for name in order:
             (folder / name).unlink(missing_ok=True)

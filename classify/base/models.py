@@ -152,7 +152,7 @@ def in_words(cause: str) -> str:
 
 def _unknown_key(location: tuple[str | int, ...], root: type[BaseModel]) -> str:
     fields = _fields_at(location[:-1], root)
-    keys = [about.alias or name for name, about in fields.items()]
+    keys = [field.alias or name for name, field in fields.items()]
     near = difflib.get_close_matches(str(location[-1]), keys, 1)
     if near:
         return f"unknown key; did you mean {near[0]}?"

@@ -14,18 +14,18 @@ from classify.base.errors import CalibrationRejected, InputError
 
 from .calibration import Scale, nominal_camera_matrix
 
-# Inner corners along a side: fewer show no distortion, OpenCV needs three.
-_CORNERS = (3, 64)
-# A placement tilted by less counts as lying in the plane of the part; its scale is measured along
-# the axis of the tilt, which a tilt does not shorten. At a larger tilt the height of the board is
-# too uncertain: one end of 50 mm rises by 9 mm.
-_FLAT_DEG = 10.0
+# Smallest and largest number of inner corners along a side. OpenCV needs three.
+_CORNER_COUNTS = (3, 64)
+# Largest tilt of a placement that counts as lying in the plane of the part. Its scale is measured
+# along the axis of the tilt, which a tilt does not shorten. At a larger tilt the height of the
+# board is too uncertain: one end of 50 mm rises by 9 mm.
+_MAX_FLAT_DEG = 10.0
 # Tilts below this are not corrected: one picture shows a tilt to about 3 degrees, and 3 degrees
 # shorten a length by 0.1 %.
 MEASURABLE_TILT_DEG = 5.0
-# Corners are found to 0.02 to 0.2 px on sharp pictures. A model with a larger residual than this is
-# wrong.
-_WORST_RESIDUAL_PX = 1.0
+# Largest residual: a model with a larger one is wrong. Corners are found to 0.02 to 0.2 px on sharp
+# pictures.
+_MAX_RESIDUAL_PX = 1.0
 # Distortion that moves no pixel by more is not worth the resampling.
 _MIN_DISTORTION_PX = 0.5
 # A further coefficient counts if it explains this many times its share of the residual (F test with
@@ -34,13 +34,13 @@ _SIGNIFICANT_F = 11.0
 # Distortion counts if it moves a corner of the board by this many times the residual: errors of
 # corners in a small picture of the board grow into pixels at the corners of the frame.
 _VISIBLE_DISTORTION = 3.0
-# The focal length is kept if its standard error is at most this: spheres then have their view
-# directions to 5 % of the angle.
-_KNOWN_FOCAL = 0.05
+# Largest relative standard error of a focal length that is used: view directions of spheres are
+# then exact to 5 % of the angle.
+_MAX_FOCAL_ERROR = 0.05
 # Error of a scale that is fitted together with distortion (test_checkerboard.py has up to 0.04 %).
-_WITH_DISTORTION = 0.0003
+_DISTORTION_ERROR = 0.0003
 # Least number of tilted placements that determine the focal length (Zhang 2000).
-_TILTED_FOR_FOCAL = 2
+_MIN_TILTED = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,19 +55,19 @@ class _CheckerboardScale:
 
 def find_corners(image: Array, corners: tuple[int, int]) -> Floats:
     """(n, 2) columns and rows of the inner corners of a checkerboard in an (H, W) picture."""
-    if not all(_CORNERS[0] <= count <= _CORNERS[1] for count in corners):
+    if not all(_CORNER_COUNTS[0] <= count <= _CORNER_COUNTS[1] for count in corners):
         raise InputError(
-            f"a checkerboard with {corners[0]} x {corners[1]} inner corners; {_CORNERS[0]} to "
-            f"{_CORNERS[1]} each are handled"
+            f"a checkerboard with {corners[0]} x {corners[1]} inner corners; "
+            f"{_CORNER_COUNTS[0]} to {_CORNER_COUNTS[1]} each are handled"
         )
     values = image.astype(np.float32)
     low, high = (float(level) for level in np.quantile(values[::2, ::2], (0.01, 0.99)))
-    eight = np.clip((values - low) * (255.0 / max(high - low, 1e-9)), 0, 255).astype(np.uint8)
-    detected = _corners(eight, corners)
+    grey = np.clip((values - low) * (255.0 / max(high - low, 1e-9)), 0, 255).astype(np.uint8)
+    detected = _corners(grey, corners)
     if detected is not None:
         return detected
     fewer = corners[0] - 1, corners[1] - 1
-    if min(fewer) >= _CORNERS[0] and _corners(eight, fewer) is not None:
+    if min(fewer) >= _CORNER_COUNTS[0] and _corners(grey, fewer) is not None:
         raise CalibrationRejected(
             f"the board has {fewer[0]} x {fewer[1]} inner corners, not {corners[0]} x "
             f"{corners[1]}; count corners where four squares meet, not squares"
@@ -89,8 +89,8 @@ def _corners(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> Floats |
     spacing = min(float(np.linalg.norm(np.diff(grid, axis=k), axis=2).min()) for k in (0, 1))
     half = int(np.clip(0.3 * spacing, 2, 15))
     ends = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
-    fine = cv2.cornerSubPix(image, corners_px.astype(np.float32), (half, half), (-1, -1), ends)
-    return np.asarray(fine, np.float64).reshape(-1, 2)
+    refined = cv2.cornerSubPix(image, corners_px.astype(np.float32), (half, half), (-1, -1), ends)
+    return np.asarray(refined, np.float64).reshape(-1, 2)
 
 
 def scale_of_boards(
@@ -106,13 +106,13 @@ def scale_of_boards(
     board = square_mm * np.stack([across.ravel(), along.ravel()], axis=1).astype(np.float64)
     board -= board.mean(axis=0)
     fit, camera, focal_error = _fitted(boards, board, frame)
-    if fit.residual_px > _WORST_RESIDUAL_PX:
+    if fit.residual_px > _MAX_RESIDUAL_PX:
         raise CalibrationRejected(
             f"the corners are {fit.residual_px:.1f} px off a flat board; count its inner corners "
             "again, glue it to something flat, and keep it still for each picture"
         )
-    flat = fit.tilts_deg <= _FLAT_DEG
-    if not flat.any():
+    is_flat = fit.tilts_deg <= _MAX_FLAT_DEG
+    if not is_flat.any():
         raise CalibrationRejected(
             f"the board is tilted by {fit.tilts_deg.min():.0f} degrees; lay it flat where the part "
             "will be"
@@ -120,20 +120,20 @@ def scale_of_boards(
     middle = camera[:2, 2]
     diagonal = np.linspace(0.0, 1.0, 65)[:, None] * middle
     distortion_px = float(np.linalg.norm(_shift(diagonal, fit.radial, camera), axis=1).max())
-    mm_per_px = float(fit.mm_per_px[flat].mean())
+    mm_per_px = float(fit.mm_per_px[is_flat].mean())
     # Relative errors: of the corners, of the correction of tilts, and between placements.
     extent_px = float(np.sqrt((board**2).sum(axis=1).mean())) / mm_per_px
     noise = fit.residual_px / np.sqrt(len(board)) / extent_px
-    shortened = 0.5 * (1.0 - float(np.cos(np.radians(fit.tilts_deg[flat].max()))))
-    spread = float(fit.mm_per_px[flat].std()) / mm_per_px
-    with_distortion = _WITH_DISTORTION if fit.radial.any() else 0.0
-    is_bent = distortion_px > _MIN_DISTORTION_PX
+    tilt_error = 0.5 * (1.0 - float(np.cos(np.radians(fit.tilts_deg[is_flat].max()))))
+    spread = float(fit.mm_per_px[is_flat].std()) / mm_per_px
+    distortion_error = _DISTORTION_ERROR if fit.radial.any() else 0.0
+    is_distorted = distortion_px > _MIN_DISTORTION_PX
     reach = max(float(np.linalg.norm(points - middle, axis=1).max()) for points in boards)
     scale = Scale(
         mm_per_px=mm_per_px,
-        error=float(np.sqrt(noise**2 + shortened**2 + spread**2 + with_distortion**2)),
+        error=float(np.sqrt(noise**2 + tilt_error**2 + spread**2 + distortion_error**2)),
         camera_matrix=camera,
-        distortion=np.array([*fit.radial, 0.0, 0.0, 0.0]) if is_bent else None,
+        distortion=np.array([*fit.radial, 0.0, 0.0, 0.0]) if is_distorted else None,
         residual_px=fit.residual_px,
         focal_error=focal_error,
     )
@@ -149,25 +149,27 @@ def _fitted(
     camera = nominal_camera_matrix(frame)
     focal_error = None
     fit = _Fit.of(boards, board, frame, camera, _FIXED_PARAMETERS)
-    if np.count_nonzero(fit.tilts_deg > _FLAT_DEG) >= _TILTED_FOR_FOCAL:
+    if np.count_nonzero(fit.tilts_deg > _MAX_FLAT_DEG) >= _MIN_TILTED:
         free = _Fit.of(boards, board, frame, camera, 0)
-        if free.focal_px < 100.0 * max(frame) and free.focal_error <= _KNOWN_FOCAL:
+        if free.focal_px < 100.0 * max(frame) and free.focal_error <= _MAX_FOCAL_ERROR:
             camera[0, 0] = camera[1, 1] = free.focal_px
             focal_error = free.focal_error
             fit = _Fit.of(boards, board, frame, camera, _FIXED_PARAMETERS)
-    # Distortion would explain part of what a wrong focal length leaves of a tilt: its significance
-    # is judged between fits with a free focal length.
-    plain = _Fit.of(boards, board, frame, camera, cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2)
+    # Distortion would explain a part of a tilt that a wrong focal length leaves. Its significance
+    # is therefore tested between fits with a free focal length.
+    free_fit = _Fit.of(boards, board, frame, camera, cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2)
     freedom = (2 * len(board) - 6) * len(boards)
     coefficients = 0
     for count, fixed in ((1, cv2.CALIB_FIX_K2), (2, 0)):
-        bent = _Fit.of(boards, board, frame, camera, fixed)
-        better = _Fit.of(boards, board, frame, camera, fixed + cv2.CALIB_FIX_FOCAL_LENGTH)
-        moved = np.concatenate([_shift(points, better.radial, camera) for points in boards])
-        is_visible = np.linalg.norm(moved, axis=1).max() > _VISIBLE_DISTORTION * better.residual_px
-        explained = (plain.residual_px**2 - bent.residual_px**2) / (count - coefficients)
-        if is_visible and explained > _SIGNIFICANT_F * bent.residual_px**2 / freedom:
-            fit, plain, coefficients = better, bent, count
+        further_free = _Fit.of(boards, board, frame, camera, fixed)
+        further = _Fit.of(boards, board, frame, camera, fixed + cv2.CALIB_FIX_FOCAL_LENGTH)
+        shifts = np.concatenate([_shift(points, further.radial, camera) for points in boards])
+        largest_px = np.linalg.norm(shifts, axis=1).max()
+        is_visible = largest_px > _VISIBLE_DISTORTION * further.residual_px
+        explained = free_fit.residual_px**2 - further_free.residual_px**2
+        explained /= count - coefficients
+        if is_visible and explained > _SIGNIFICANT_F * further_free.residual_px**2 / freedom:
+            fit, free_fit, coefficients = further, further_free, count
     return fit, camera, focal_error
 
 
@@ -201,7 +203,7 @@ class _Fit:
         on_board = np.column_stack([board, np.zeros(len(board))]).astype(np.float32)
         in_picture = [points.astype(np.float32)[:, None] for points in boards]
         try:
-            residual_px, fitted, distortion, turns, places, deviations, *_ = (
+            residual_px, fitted, distortion, rotations, translations, deviations, *_ = (
                 cv2.calibrateCameraExtended(
                     [on_board] * len(boards), in_picture, frame[::-1], camera.copy(), np.zeros(5),
                     flags=_IDEAL_LENS + fixed,
@@ -211,9 +213,9 @@ class _Fit:
             raise CalibrationRejected(
                 "the corners do not form a board; take the picture again"
             ) from error
-        normals = np.array([cv2.Rodrigues(turn)[0][:, 2] for turn in turns])
-        # The board is the plane normal . (x - place) = 0.
-        depths = np.einsum("ji,ji->j", normals, np.array(places)[..., 0]) / normals[:, 2]
+        normals = np.array([cv2.Rodrigues(rotation)[0][:, 2] for rotation in rotations])
+        # The board is the plane normal . (x - translation) = 0.
+        depths = np.einsum("ji,ji->j", normals, np.array(translations)[..., 0]) / normals[:, 2]
         focal_px = float(fitted[0, 0])
         return cls(
             np.degrees(np.arccos(np.clip(np.abs(normals[:, 2]), 0.0, 1.0))),
@@ -228,6 +230,6 @@ class _Fit:
 
 def _shift(points: Floats, radial: Floats, camera: Floats) -> Floats:
     """(n, 2) pixels by which a lens with k1 and k2 of OpenCV's model moves these pixels."""
-    away = points - camera[:2, 2]
-    squared = (away**2).sum(axis=1, keepdims=True) / camera[0, 0] ** 2
-    return np.asarray(away * squared * (radial[0] + squared * radial[1]))
+    offsets = points - camera[:2, 2]
+    squared = (offsets**2).sum(axis=1, keepdims=True) / camera[0, 0] ** 2
+    return np.asarray(offsets * squared * (radial[0] + squared * radial[1]))

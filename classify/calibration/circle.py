@@ -67,7 +67,7 @@ _RADIUS_STEP = 1.05
 # Number of detected circles: the time of `sphere_outline` is proportional to it.
 _CANDIDATES = 12
 _MIN_RADIUS_PX = 8.0
-# Largest radius as a share of the shorter side of the image: 0.5 just fits in.
+# Largest radius as a share of the shorter side of the image; a circle of 0.5 just fits in.
 _MAX_RADIUS_SHARE = 0.55
 # Width of the Gaussian that gives the expected votes, over that of the counted ones.
 _BACKGROUND_RATIO = 4.0
@@ -80,8 +80,9 @@ _MIN_EDGE, _HALF_WEIGHT = 2.0, 4.0
 
 
 def voted_circles(images: Sequence[FloatMap], smallest_radius_px: float) -> list[Circle]:
-    """Detect circles in (H, W) images, the likeliest first, by a Hough transform with votes along
-    gradients (Kimme, Ballard and Sklansky 1975).
+    """Detect circles in (H, W) images, the likeliest first.
+
+    A Hough transform with votes along gradients (Kimme, Ballard and Sklansky 1975).
     """
     points, gradients, weights = _edges(images)
     height, width = images[0].shape

@@ -21,15 +21,15 @@ from classify.base.arrays import Floats
 
 Aim = Literal["centre", "down"]
 
-# Initial distances (in half of the longer side) and slant of the fit. It converges from both for
-# LEDs at 3 to 30 (tests/classify/calibration/test_led_positions.py).
+# Initial distances (in half of the longer side) and slant of the fit. It converges from both
+# distances for LEDs at distances of 3 to 30 (tests/classify/calibration/test_led_positions.py).
 _START_DISTANCES, _START_SLANT_DEG = (3.0, 10.0), 45.0
 # Largest lobe exponent: the beam of cos^20 is too narrow to light a frame.
 _MAX_LOBE_EXPONENT = 20.0
 # Lower limit of 1 - v . X before the logarithm; it is negative behind an LED.
 _MIN_FACING = 1e-6
-_BLOCKS = 16  # fitted blocks along the frame
-_CLUSTERS = 8  # clusters along the frame, whose residuals count as independent
+_BLOCKS = 16  # number of fitted blocks along the frame
+_CLUSTERS = 8  # number of clusters along the frame, whose residuals count as independent
 # With more lights, half as many blocks along the frame: the Jacobian would need gigabytes.
 _MANY_LIGHTS = 16
 # Factor on the standard errors: without it 12 % of the errors on 40 rendered sheets exceeded two
@@ -92,8 +92,9 @@ def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> 
 
 @dataclass(frozen=True, eq=False)
 class _Model:
-    """Log ratios of n points of the sheet less (N, n) `data`, by v of each light, levels relative
-    to the first, and m.
+    """Log ratios of n points of the sheet, minus (N, n) `data`.
+
+    Parameters are v of each light, the log levels relative to that of the first light, and m.
     """
 
     x: Floats
@@ -128,8 +129,10 @@ class _Model:
         )  # fmt: skip
 
     def errors(self, solution: Any) -> tuple[Floats, Floats]:
-        """(N,) standard errors of v along itself and across: clustered (Cameron and Miller 2015)
-        plus independent; infinite if the Jacobian is rank-deficient.
+        """(N,) standard errors of v along itself and across.
+
+        The sum of clustered (Cameron and Miller 2015) and independent errors; infinite if the
+        Jacobian is rank-deficient.
         """
         lights = len(self.data)
         # The rank is too low, for example, if all lights are in one place.
@@ -146,10 +149,10 @@ class _Model:
         covariance += inverse * np.square(solution.fun).sum() / degrees_of_freedom
         along, across = np.empty(lights), np.empty(lights)
         for light in range(lights):
-            own = slice(3 * light, 3 * light + 3)
-            unit = solution.x[own] / np.linalg.norm(solution.x[own])
-            along[light] = unit @ covariance[own, own] @ unit
-            across[light] = max(np.trace(covariance[own, own]) - along[light], 0.0)
+            of_light = slice(3 * light, 3 * light + 3)
+            unit = solution.x[of_light] / np.linalg.norm(solution.x[of_light])
+            along[light] = unit @ covariance[of_light, of_light] @ unit
+            across[light] = max(np.trace(covariance[of_light, of_light]) - along[light], 0.0)
         return _ERROR_FACTOR * np.sqrt(along), _ERROR_FACTOR * np.sqrt(across)
 
     def evaluated(self, parameters: Floats) -> tuple[Floats, Floats]:

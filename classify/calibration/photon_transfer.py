@@ -81,11 +81,11 @@ def in_blocks(frames: Array) -> Array:
             "side, for blocks that show the noise"
         )
     count, rows, columns = frames.shape
-    tall, wide = rows // BLOCKS, columns // BLOCKS
-    top, left = (rows - tall * BLOCKS) // 2, (columns - wide * BLOCKS) // 2
-    inner = frames[:, top : top + tall * BLOCKS, left : left + wide * BLOCKS]
-    grid = inner.reshape(count, BLOCKS, tall, BLOCKS, wide).swapaxes(2, 3)
-    return grid.reshape(count, BLOCKS * BLOCKS, tall * wide)
+    height, width = rows // BLOCKS, columns // BLOCKS
+    top, left = (rows - height * BLOCKS) // 2, (columns - width * BLOCKS) // 2
+    inner = frames[:, top : top + height * BLOCKS, left : left + width * BLOCKS]
+    grid = inner.reshape(count, BLOCKS, height, BLOCKS, width).swapaxes(2, 3)
+    return grid.reshape(count, BLOCKS * BLOCKS, height * width)
 
 
 @dataclass(frozen=True)
@@ -141,8 +141,8 @@ def photon_transfer(
     dark_variance = None
     if dark_noise_dn is not None and dark_noise_dn**2 >= _MIN_VARIANCE:
         dark_variance = dark_noise_dn**2
-    # Selected by expected variances, not by the noisy ones: first by the mean of similar blocks,
-    # then by the line.
+    # Blocks are selected by expected variances, because a selection by the noisy ones is biased:
+    # first by the mean of similar blocks, then by the line.
     selected = _smoothed(means, variances) >= _MIN_VARIANCE
     for _ in range(2):
         lit = means[selected]
@@ -174,8 +174,9 @@ def photon_transfer(
 def _fit(
     means: Floats, variances: Floats, freedom: Floats, intercept: float | None
 ) -> tuple[Floats, Floats]:
-    """Intercept (fitted if None) and slope, with covariance; a variance V of n degrees of freedom
-    has variance 2 V^2 / n.
+    """Intercept (fitted if None) and slope, with covariance.
+
+    A measured variance V of n degrees of freedom has the variance 2 V^2 / n.
     """
     terms = np.stack([np.ones_like(means), means])
     line: Floats = np.zeros(2)

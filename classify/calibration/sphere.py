@@ -31,8 +31,9 @@ class Sphere:
     def of_outline(
         cls, outline: Outline, frame: tuple[int, int], focal_px: float | None = None
     ) -> Sphere:
-        """Fit the cone of rays d to the outline: d . (c / cos g) = 1, where sin g is radius /
-        distance.
+        """Fit the cone of rays to the outline.
+
+        Its rays d obey d . (c / cos g) = 1, with sin g = radius / distance of the sphere.
         """
         rows, columns = frame
         if focal_px is None:

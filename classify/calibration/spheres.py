@@ -21,14 +21,14 @@ from .sphere_outline import find_outline, outline_of_mask
 SphereKind = Literal["mirror", "matte"]
 
 # Largest relative error of the distances of near lights; otherwise the lights count as distant.
-# That costs 10 degrees at five fields of view (table in classify/README.md), a distance 15 % off
-# 1.5.
-_KNOWN_DISTANCE = 0.15
+# At five fields of view, that makes normals wrong by 10 degrees (table in classify/README.md), and
+# an error of the distance by 15 % by 1.5 degrees.
+_MAX_DISTANCE_ERROR = 0.15
 # Condition number above which rays are parallel within the rounding of float64. It is the squared
-# ratio of the errors of distance and direction: 1e8 for `_KNOWN_DISTANCE` and 1e-5 rad.
-_PARALLEL = 1e12
+# ratio of the errors of distance and direction: 1e8 for `_MAX_DISTANCE_ERROR` and 1e-5 rad.
+_MAX_CONDITION = 1e12
 # Largest usable error: four lights that are 10 degrees off tilt the normals by as much.
-_WORST_ERROR_DEG = 10.0
+_MAX_ERROR_DEG = 10.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +84,7 @@ def lights_from_spheres(
     else:
         lighting, across, distance_errors = Lighting(mean, intensities), mean_error, None
     worst = int(np.argmax(across))
-    if np.degrees(across[worst]) > _WORST_ERROR_DEG:
+    if np.degrees(across[worst]) > _MAX_ERROR_DEG:
         raise CalibrationRejected(
             f"light {worst} is known to {np.degrees(across[worst]):.0f} degrees only; show the "
             "sphere larger, on a background that its outline stands out from, or give a mask"
@@ -172,8 +172,9 @@ def _mean_directions(directions: Floats, errors: Floats) -> tuple[Floats, Floats
     mean /= np.linalg.norm(mean, axis=1, keepdims=True)
     error = weights.sum(axis=0) ** -0.5
     if len(directions) > 1:
-        off = ((directions - mean) ** 2).sum(axis=-1)
-        scatter = (weights * off).sum(axis=0) / weights.sum(axis=0) / (len(directions) - 1) / 2.0
+        squares = ((directions - mean) ** 2).sum(axis=-1)
+        scatter = (weights * squares).sum(axis=0) / weights.sum(axis=0)
+        scatter /= 2.0 * (len(directions) - 1)
         error = np.maximum(error, np.sqrt(scatter))
     return mean, error
 
@@ -191,20 +192,20 @@ def positions_of_rays(
         weighted = weights[..., None, None] * projections
         normal = weighted.sum(axis=0)
         right = np.einsum("jnab,jnb->na", weighted, points)
-        if not np.linalg.cond(normal).max() < _PARALLEL:
+        if not np.linalg.cond(normal).max() < _MAX_CONDITION:
             return None
         positions = np.linalg.solve(normal, right[..., None])[..., 0]
         covariance = np.linalg.inv(normal)
         distance = np.linalg.norm(positions - points, axis=-1)
-    misses = np.einsum("jnab,jnb->jna", projections, positions - points)
-    freedom = misses.shape[1] * (2 * len(points) - 3)
-    excess = max(1.0, float((weights[..., None] * misses**2).sum()) / freedom)
+    deviations = np.einsum("jnab,jnb->jna", projections, positions - points)
+    freedom = deviations.shape[1] * (2 * len(points) - 3)
+    excess = max(1.0, float((weights[..., None] * deviations**2).sum()) / freedom)
     length = np.linalg.norm(positions, axis=1)
     towards = positions / length[:, None]
     along = np.einsum("na,nab,nb->n", towards, covariance, towards)
     across = (np.trace(covariance, axis1=1, axis2=2) - along) / 2.0
     along, across = np.sqrt(excess * along) / length, np.sqrt(excess * across) / length
     is_behind = ((positions - points) * directions).sum(axis=-1) <= 0.0
-    if is_behind.any() or (towards[:, 2] <= 0.01).any() or along.max() > _KNOWN_DISTANCE:
+    if is_behind.any() or (towards[:, 2] <= 0.01).any() or along.max() > _MAX_DISTANCE_ERROR:
         return None
     return positions, across, along

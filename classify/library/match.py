@@ -156,25 +156,25 @@ def _blur_without(blurred_px: float, compared_px: float) -> float:
     return math.copysign(math.sqrt(abs(variance_px2)), variance_px2)
 
 
-# References of the lowest bounds that are compared first, and then as many of other classes.
-FIRST = 64
+# Number of references of the lowest bounds that are compared first, and as many of other classes.
+FIRST_COUNT = 64
 # Largest number of references compared after that, which bounds the time. On 100,000 references the
 # nearest is among them in 99.9 % of queries (``tests.evidence.benchmark``).
-MOST = 4096
+MAX_CANDIDATES = 4096
 
 
 def nearest_references(
     classes: npt.NDArray[np.integer], bounds: Floats, compare: Callable[[Indices], Comparison]
 ) -> tuple[Indices, Comparison]:
-    """Compare all references that may be the nearest or runner-up, `MOST` at most."""
+    """Compare all references that may be the nearest or runner-up, `MAX_CANDIDATES` at most."""
     # The lowest bounds are compared first. With d1 the smallest distance, to class c, and d2 the
     # smallest to another class, references of c with a bound of at most d1, and others with a bound
     # of at most d2, are compared too; indices rise.
     # NaN, which a mapped file may contain, gives no bound.
     bounds = np.fmax(bounds, 0.0)
-    lowest = _lowest(bounds, FIRST)
+    lowest = _lowest(bounds, FIRST_COUNT)
     other_classes = np.flatnonzero(classes != classes[lowest[0]])
-    first = np.union1d(lowest, other_classes[_lowest(bounds[other_classes], FIRST)])
+    first = np.union1d(lowest, other_classes[_lowest(bounds[other_classes], FIRST_COUNT)])
     comparison = compare(first)
     best = int(np.argmin(comparison.distances))
     is_other_class = classes != classes[first[best]]
@@ -182,7 +182,7 @@ def nearest_references(
     may_be_nearer = bounds <= np.where(is_other_class, second_best, comparison.distances[best])
     may_be_nearer[first] = False
     candidates = np.flatnonzero(may_be_nearer)
-    candidates = candidates[_lowest(bounds[candidates], MOST)]
+    candidates = candidates[_lowest(bounds[candidates], MAX_CANDIDATES)]
     if not len(candidates):
         return first, comparison
     indices = np.concatenate([first, candidates])
@@ -198,13 +198,13 @@ def _lowest(values: Floats, count: int) -> Indices:
 
 
 def _joined(first: Comparison, second: Comparison, order: Indices) -> Comparison:
-    def both(one: Floats | None, other: Floats | None) -> Floats | None:
+    def joined(one: Floats | None, other: Floats | None) -> Floats | None:
         return None if one is None or other is None else np.concatenate([one, other])[order]
 
     return Comparison(
         np.concatenate([first.distances, second.distances])[order],
-        both(first.orientations_deg, second.orientations_deg),
-        both(first.sharpness, second.sharpness),
-        both(first.headings, second.headings),
-        both(first.blurs_px, second.blurs_px),
+        joined(first.orientations_deg, second.orientations_deg),
+        joined(first.sharpness, second.sharpness),
+        joined(first.headings, second.headings),
+        joined(first.blurs_px, second.blurs_px),
     )

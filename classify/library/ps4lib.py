@@ -105,7 +105,7 @@ class _Header(BaseModel):
     limits: _Limits = Field(default_factory=dict)
     light_directions: Annotated[tuple[_Vector, ...] | None, FailFast()] = None
     sources: Annotated[tuple[tuple[str, str], ...], FailFast()] = ()
-    sha256: str  # of the rest and of the arrays
+    sha256: str  # of the other fields and of the arrays
 
 
 def _check_path(path: Path) -> None:
@@ -170,19 +170,19 @@ def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
     arrays = {name: archive.array(f"{name}.npy", dtype) for name, dtype in types.items()}
     parameters = _parameters(archive)
     _check_references(indices, len(header.classes), arrays)
-    everything = (
+    all_arrays = (
         {"classes": indices}
         | arrays
         | {_PARAMETERS + name: values for name, values in parameters.items()}
     )
     is_mapped = False
-    for array in everything.values():
+    for array in all_arrays.values():
         # Numbers of mapped arrays are tested when a match reads them.
         if isinstance(array, np.memmap):
             is_mapped = True
         elif not np.isfinite(array).all():
             raise LibraryError("contains NaN or infinity; the file is damaged, train it again")
-    if not is_mapped and header.sha256 != _sha256(header, everything):
+    if not is_mapped and header.sha256 != _sha256(header, all_arrays):
         raise archive.error("it does not match its SHA-256: the file was changed")
     try:
         directions = header.light_directions
@@ -206,7 +206,7 @@ def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
         sources=header.sources,
     )
     if "invariants" in arrays:
-        # The cached property, which would compute them anew.
+        # Sets the cached property, which would otherwise compute them again.
         vars(library)["invariants"] = arrays["invariants"]
     return library
 

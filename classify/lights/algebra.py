@@ -42,9 +42,9 @@ def require_solvable(lighting: Lighting) -> None:
     """Raise InputError with the reason if no method can solve under these lights."""
     L = lighting.directions
     cosines = L @ L.T
-    # A light counts if none before it stands within 0.1 degrees.
-    apart = np.cos(np.radians(0.1))
-    distinct = sum(not (cosines[k, :k] > apart).any() for k in range(len(L)))
+    # A light counts if none before it is within 0.1 degrees.
+    max_cosine = np.cos(np.radians(0.1))
+    distinct = sum(not (cosines[k, :k] > max_cosine).any() for k in range(len(L)))
     if distinct < 3:
         raise InputError(
             f"the {len(L)} lights stand in {distinct} direction{'s' * (distinct > 1)}; slopes need "

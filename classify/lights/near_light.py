@@ -30,7 +30,8 @@ from classify.lighting import Lighting
 
 from .flat_field import TERMS, FlatField, powers
 
-# The logarithm of a strength differs by less between neighbours of the grid of its bounds.
+# Margin of the bounds, which are from a grid: the logarithm of a strength differs by less between
+# neighbours.
 _MARGIN = 0.05
 
 
@@ -60,8 +61,10 @@ def middle_px(count: int) -> FloatMap:
 def sheet_of(
     lighting: Lighting, shape: tuple[int, int], lobe_exponent: float | None = None
 ) -> FlatField:
-    """The white matt sheet under near lights: inverse square, Lambert's law and a lobe cos^m to the
-    middle, where the geometric mean is 1.
+    """The white matt sheet under near lights.
+
+    Its light follows the inverse square of the distance, Lambert's law, and a lobe cos^m to the
+    middle, where the geometric mean of the lights is 1.
     """
     positions, half = lighting.positions_px, 0.5 * max(shape)
     assert positions is not None
@@ -69,8 +72,8 @@ def sheet_of(
     # which is within a few percent of the best approximation.
     nodes = np.cos(np.pi * (np.arange(TERMS) + 0.5) / TERMS)
     height, width = (side / max(shape) for side in shape)
-    at_the_middle = lighting.intensities * lighting.directions[:, 2]
-    at_the_middle /= np.exp(np.log(at_the_middle).mean())
+    middle_strengths = lighting.intensities * lighting.directions[:, 2]
+    middle_strengths /= np.exp(np.log(middle_strengths).mean())
 
     def logarithms(x: Floats) -> Floats:
         plane = np.zeros((3, len(x), len(x)))
@@ -81,7 +84,7 @@ def sheet_of(
         cosines = np.einsum("kc,kcij->kij", lighting.directions, towards) / (distances * ratios)
         # The logarithm stays finite where a pixel is behind an LED and gets no light.
         lobes = np.maximum(cosines, 1e-3) ** (lobe_exponent or 0.0)
-        strengths = at_the_middle[:, None, None] / ratios**3 * lobes
+        strengths = middle_strengths[:, None, None] / ratios**3 * lobes
         return np.asarray(np.log(strengths), np.float64)
 
     inverse = np.linalg.inv(powers(nodes, TERMS))

@@ -7,9 +7,9 @@ from classify.base.compiling import kernel
 from classify.images import SIGMA_PER_MAD
 from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
 
-# A highlight gives at least this multiple of the Lambertian prediction, which is taken as at least
-# the second number times the albedo: the counterpart of the shadow rule. tests/classify/surface/
-# test_diagnostics.py holds both.
+# A highlight is at least `_HIGHLIGHT_FRACTION` times as bright as the Lambertian prediction, which
+# counts as at least `_HIGHLIGHT_FLOOR` times the albedo: the counterpart of the shadow rule.
+# tests/classify/surface/test_diagnostics.py tests both.
 _HIGHLIGHT_FRACTION, _HIGHLIGHT_FLOOR = np.float32(1.5), np.float32(0.2)
 # Its ratio to the prediction also exceeds that of a typical pixel under its light by this many
 # robust standard deviations; of 72 lights of a matt surface one does so at 0.2 % of the pixels.
@@ -21,8 +21,9 @@ def fit_residual(
     images: Array, ambient: Array, gains: Array, weights: Array, directions: Array,
     plane: Array, excess: Array, x: Array, y: Array, residual: Array,
 ) -> None:  # fmt: skip
-    """Rms difference from the least squares surface b' = weights i; plane, excess, x, y as in
-    `near_light`.
+    """Rms difference from the least squares surface b' = weights i.
+
+    For plane, excess, x and y see `near_light`.
     """
     lights = images.shape[0]
     rows, columns = residual.shape
@@ -43,8 +44,8 @@ def fit_residual(
         # b . X
         inner = np.empty(columns, np.float32)
         for c in range(columns):
-            across = one - plane[0] * x[c] - plane[1] * y[r]
-            inner[c] = (bx[c] * x[c] + by[c] * y[r]) / across
+            divisor = one - plane[0] * x[c] - plane[1] * y[r]
+            inner[c] = (bx[c] * x[c] + by[c] * y[r]) / divisor
         for k in range(lights):
             lx, ly, lz = directions[k]
             for c in range(columns):
@@ -62,8 +63,9 @@ def compare_with_prediction(
     p: Array, q: Array, albedo: Array, determined: Array, limits: Array,
     shadow_count: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Count shadows and mark highlights from `limits[k]` on, where `determined`, by the prediction
-    b . (l - X / R).
+    """Count shadows, and mark highlights from `limits[k]` on, where `determined`.
+
+    The prediction is b . (l - X / R).
     """
     rows, columns = p.shape
     one = np.float32(1.0)
@@ -76,11 +78,11 @@ def compare_with_prediction(
             highlights[r, c] = False
         for k in range(images.shape[0]):
             lx, ly, lz = directions[k]
-            limit, near = limits[k], inverse_distances[k]
+            limit, inverse_distance = limits[k], inverse_distances[k]
             for c in range(columns):
                 v = (images[k, r, c] - dark[c]) * gains[k]
                 inner = x[c] * p[r, c] + y[r] * q[r, c]
-                s = scales[c] * (lz - lx * p[r, c] - ly * q[r, c] + near * inner)
+                s = scales[c] * (lz - lx * p[r, c] - ly * q[r, c] + inverse_distance * inner)
                 rho = albedo[r, c]
                 has_slope = determined[r, c]
                 shadow_count[r, c] += has_slope & (
@@ -115,9 +117,9 @@ def find_darkest(images: Array, ambient: Array, gains: Array, darkest: Array) ->
     rows, columns = darkest.shape
     for r in range(rows):
         dark = ambient[min(r, len(ambient) - 1)]
-        least = np.full(columns, np.float32(np.inf))
+        lowest = np.full(columns, np.float32(np.inf))
         for k in range(images.shape[0]):
             for c in range(columns):
                 v = (images[k, r, c] - dark[c]) * gains[k]
-                darkest[r, c] = np.uint8(k) if v < least[c] else darkest[r, c]
-                least[c] = min(least[c], v)
+                darkest[r, c] = np.uint8(k) if v < lowest[c] else darkest[r, c]
+                lowest[c] = min(lowest[c], v)

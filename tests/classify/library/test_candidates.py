@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from classify import Match, TextureLibrary
 from classify.classifiers import Comparison, classifier_named
-from classify.library.match import FIRST, MOST, match_of, nearest_references
+from classify.library.match import FIRST_COUNT, MAX_CANDIDATES, match_of, nearest_references
 from classify.texture.heading import HEADING_FLOATS
 from classify.texture.orientation import HARMONICS
 from classify.texture.spectra import RADII
@@ -99,7 +99,7 @@ def test_nearest_and_runner_up_are_those_of_comparing_everything(
 def test_thousands_of_members_of_one_class_do_not_hide_the_runner_up() -> None:
     """More references than are compared have lower bounds than the other class."""
     library = clustered(0, 12_000, 2, 0.05, 0.0)
-    assert 2 * MOST < 12_000
+    assert 2 * MAX_CANDIDATES < 12_000
     test = library.points[0]
     found = library.match(test)
     assert found == library.exhaustive(test)
@@ -112,7 +112,7 @@ def test_useless_bounds_do_not_lead_to_more_comparisons_than_allowed() -> None:
     library.points[:, :KEPT] = 0.0
     test = library.points[11]
     library.match(test)
-    assert library.compared <= MOST + 2 * FIRST
+    assert library.compared <= MAX_CANDIDATES + 2 * FIRST_COUNT
 
 
 def test_a_classifier_without_orientations_is_searched_too() -> None:
@@ -123,7 +123,7 @@ def test_a_classifier_without_orientations_is_searched_too() -> None:
     chosen, found = nearest_references(
         library.classes, library.bounds(test), lambda indices: Comparison(distances[indices])
     )
-    assert len(chosen) > 4 * FIRST  # there was a second round
+    assert len(chosen) > 4 * FIRST_COUNT  # there was a second round
     assert found.orientations_deg is None
     assert found.sharpness is None
     assert found.distances.min() == distances.min()
