@@ -1,6 +1,6 @@
-"""What an image file states beside its pixels: orientation, response, exposure time and date.
+"""Statements of an image file beside its pixels: orientation, response, exposure time and date.
 
-Pillow reads EXIF data, XMP and colour profiles. What is contradictory is refused.
+Pillow reads EXIF data, XMP and colour profiles. Files that contradict themselves are refused.
 """
 
 import io
@@ -58,10 +58,10 @@ def metadata_of_info(
     directories.append({"Orientation": info.get(_EXIF_TEXT, 0)})
     if "icc_profile" in info:
         profiles.insert(0, info["icc_profile"])
-    found = [*responses, *map(_profile_response, profiles), *["srgb"] * ("srgb" in info)]
+    stated = [*responses, *map(_profile_response, profiles), *["srgb"] * ("srgb" in info)]
     if "gamma" in info:
-        found.append(power_response(1.0 / info["gamma"] if info["gamma"] else math.inf))
-    return _metadata(directories, packets, found)
+        stated.append(power_response(1.0 / info["gamma"] if info["gamma"] else math.inf))
+    return _metadata(directories, packets, stated)
 
 
 def metadata_of_pages(*pages: Any) -> ImageMetadata:

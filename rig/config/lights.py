@@ -110,7 +110,7 @@ class LightsConfig(Section):
         return self
 
 
-@lru_cache(maxsize=16)  # a capture asks a dozen times
+@lru_cache(maxsize=16)  # a capture needs it a dozen times
 def _lighting(
     tilts_deg: tuple[float, ...], slant_deg: float, intensities: tuple[float, ...]
 ) -> Lighting:

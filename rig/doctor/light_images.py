@@ -25,10 +25,10 @@ from rig.rig import Rig
 
 from .check import Check, Status
 
-# The exposure is rated by this percentile, so that a few glints do not count. The proposed exposure
-# brings it to the target, so that a part may be a quarter brighter.
+# The percentile of the pixels that rates the exposure, so that a few glints do not count, and the
+# share of full scale to which the proposed exposure brings it: a part may be a quarter brighter.
 _BRIGHT_PERCENTILE, _TARGET = 99.9, 0.8
-# From half of the target to just below full scale an exposure needs no change.
+# Shares of full scale between which an exposure needs no change.
 _GOOD_EXPOSURE = (0.4, 0.95)
 # The factor for a saturated image, whose excess is unknown. Applied twice, it corrects an exposure
 # that is six times too long.
@@ -152,12 +152,12 @@ def _exposure(images: LightImages, exposure_ms: float, range_ms: tuple[float, fl
     )
     if rating.is_good:
         return Check("exposure", "ok", finding)
-    wanted_ms, (shortest_ms, longest_ms) = exposure_ms * rating.factor, range_ms
+    proposed_ms, (shortest_ms, longest_ms) = exposure_ms * rating.factor, range_ms
     if shortest_ms == longest_ms:
         less, more = "dim the LEDs, or close the aperture", "brighter LEDs, or open the aperture"
         advice = f"the exposure is fixed: {less if rating.factor < 1.0 else more}"
-    elif wanted_ms <= longest_ms:
-        advice = f"set camera.exposure_ms = {_rounded_down(wanted_ms):g}"
+    elif proposed_ms <= longest_ms:
+        advice = f"set camera.exposure_ms = {_rounded_down(proposed_ms):g}"
         if rating.is_saturated:
             advice += ", then run this again"
     else:

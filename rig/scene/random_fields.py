@@ -95,9 +95,9 @@ def cells(spacing_px: float) -> Field:
     reach_px = round(3.0 * spacing_px)
 
     def field(rng: np.random.Generator, side: int) -> Floats:
-        elsewhere = (rng.random((side, side)) >= spacing_px**-2.0).astype(np.uint8)
-        elsewhere[0, 0] &= not elsewhere.all()
-        periodic = np.pad(elsewhere, reach_px, mode="wrap")
+        no_point = (rng.random((side, side)) >= spacing_px**-2.0).astype(np.uint8)
+        no_point[0, 0] &= not no_point.all()  # at least one point
+        periodic = np.pad(no_point, reach_px, mode="wrap")
         distance = cv2.distanceTransform(periodic, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         inside = slice(reach_px, reach_px + side)
         # Squared distances are whole numbers. OpenCV rounds their roots in two ways, depending on

@@ -80,7 +80,7 @@ _BLOTCHES = gaussian(mulvaney(0.02))
 _SPECKLE = gaussian(ring(0.25, 0.06))
 _EVEN_RIPPLES = ripples(0.08, 0.010, 0.010)
 
-_FOUR = {
+_THESIS_TEXTURES = {
     "rock": _Texture(_ROCK),
     "sand": _Texture(_SAND),
     "malv": _Texture(_MALV),
@@ -139,12 +139,12 @@ _TWINS = {
     "cobbles_gaussian": _Texture(phase_randomised(_COBBLES), 0.45),
 }
 
-_TEXTURES = _FOUR | _VARIATIONS | _TWINS
+_TEXTURES = _THESIS_TEXTURES | _VARIATIONS | _TWINS
 
-SYNTHETIC_NAMES = tuple(_FOUR)
+SYNTHETIC_NAMES = tuple(_THESIS_TEXTURES)
 """The four of the thesis."""
 
-SYNTHETIC_30 = tuple(_FOUR | _VARIATIONS)
+SYNTHETIC_30 = tuple(_THESIS_TEXTURES | _VARIATIONS)
 """The four and 26 more, for measuring a classifier."""
 
 SYNTHETIC_TEXTURES = tuple(_TEXTURES)

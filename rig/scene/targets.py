@@ -55,18 +55,18 @@ def target_named(
         return Plate(seed)
     if name == "lens_cap":
         return _Checkerboard(1.0, white=0.0, black=0.0)
-    board = name == "checkerboard"
-    default_px = min(field_px) * (_BOARD_SHARE / (CHECKERBOARD_CORNERS[0] + 1) if board else
-                                  _SPHERE_SHARE)  # fmt: skip
-    default_mm = SQUARE_MM if board else _SPHERE_MM
+    is_board = name == "checkerboard"
+    share = _BOARD_SHARE / (CHECKERBOARD_CORNERS[0] + 1) if is_board else _SPHERE_SHARE
+    default_px = min(field_px) * share
+    default_mm = SQUARE_MM if is_board else _SPHERE_MM
     size_px = default_px if mm_per_px is None else (size_mm or default_mm) / mm_per_px
-    width_px = (CHECKERBOARD_CORNERS[0] - 1) * size_px if board else size_px
+    width_px = (CHECKERBOARD_CORNERS[0] - 1) * size_px if is_board else size_px
     if not (width_px < min(field_px) and size_px >= 2.0):
         raise InputError(
             f"surface {name}: {width_px:.0f} px wide in a frame of {field_px[1]} x {field_px[0]} "
             "px; set simulation.mm_per_px or simulation.placement.size_mm"
         )
-    if board:
+    if is_board:
         return _Checkerboard(size_px)
     return Sphere(0.5 * size_px, mirror=name == "mirror_sphere")
 
@@ -117,13 +117,13 @@ class Sphere:
         """The upper half of the ball, which stands on a pillar where the lower half would be."""
         x, y = view.part_coordinates()
         squared = self.radius_px**2 - x * x - y * y
-        ball = squared > 0.0
+        is_ball = squared > 0.0
         # The height of the upper half; a pixel at the outline would have an infinite slope.
-        z = np.where(ball, np.sqrt(np.maximum(squared, 1e-4 * self.radius_px**2)), np.inf)
-        height = np.where(ball, self.radius_px + z, 0.0) * view.magnification
+        z = np.where(is_ball, np.sqrt(np.maximum(squared, 1e-4 * self.radius_px**2)), np.inf)
+        height = np.where(is_ball, self.radius_px + z, 0.0) * view.magnification
         cos, sin = math.cos(math.radians(view.rotate_deg)), math.sin(math.radians(view.rotate_deg))
         p, q = (cos * -x - sin * -y) / z, (sin * -x + cos * -y) / z
-        albedo = np.where(ball, 0.0 if self.mirror else _WHITE, _BLACK)
+        albedo = np.where(is_ball, 0.0 if self.mirror else _WHITE, _BLACK)
         maps = [plane.astype(np.float32) for plane in (height, p, q, albedo)]
         return SurfacePatch(maps[0], maps[1], maps[2], maps[3], plane_px=0.0)
 
@@ -136,7 +136,7 @@ class Sphere:
         x, y, z = -2.0 * scene.p * towards_z, -2.0 * scene.q * towards_z, 2.0 * towards_z - 1.0
         room = 1.0 + 0.5 * y + 3.0 * ((abs(x + 0.6) < 0.15) & (abs(y - 0.5) < 0.2))
         room = np.where(z > math.cos(math.radians(8.0)), 0.1, room)  # the lens of the camera
-        ball, side_px = scene.albedo == 0.0, len(scene.albedo)
+        is_ball, side_px = scene.albedo == 0.0, len(scene.albedo)
         # Where a ray that goes down from the ball reaches the plane of the card.
         down_px = self.radius_px * (1.0 + np.sqrt(towards_z)) / np.maximum(-z, 1e-6)
         beyond = [
@@ -144,10 +144,10 @@ class Sphere:
             for start, step in zip(from_centre(side_px), (x, y), strict=True)
         ]
         card = (z < 0.0) & ~beyond[0] & ~beyond[1]
-        lit_card = scene.lights.max(axis=(1, 2), where=~ball, initial=0.0)[:, None, None]
+        lit_card = scene.lights.max(axis=(1, 2), where=~is_ball, initial=0.0)[:, None, None]
         lights = np.where(card, lit_card, np.float32(_WALLS) * room.astype(np.float32))
         dark = np.where(card, _BLACK, room).astype(np.float32)
-        reflected = np.float32(_CHROME) * ball
+        reflected = np.float32(_CHROME) * is_ball
         return replace(
             scene,
             lights=scene.lights + reflected * lights,

@@ -42,7 +42,7 @@ class Backup:
         database: tuple[str, Path] | None,
     ) -> None:
         self._folder, self._config = folder, config
-        self._found, self._database = snapshot, database
+        self._snapshot, self._database = snapshot, database
         self._recipes = _stamps(folder / RECIPES)
         self._utc = utc_text()
         self.sources: dict[str, Path] = dict(_settings(folder, config))
@@ -79,9 +79,9 @@ class Backup:
             station=self._config.name,
             software_version=version("ps4rig"),
             database=None if self._database is None else self._database[0],
-            parts=self._found.parts,
-            chain_sha256=self._found.chain_sha256,
-            sets=len(self._found.set_files) - len(self._missing),
+            parts=self._snapshot.parts,
+            chain_sha256=self._snapshot.chain_sha256,
+            sets=len(self._snapshot.set_files) - len(self._missing),
             missing=tuple(self._missing),
             files=files,
         )
@@ -89,8 +89,9 @@ class Backup:
 
 @contextmanager
 def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
-    """Copy the results of a station that may run, and list their files, none removed during the
-    block.
+    """Copy the results of a station, which may run, and list the files of the backup.
+
+    No set file is removed during the block.
     """
     config = StationFolder(folder).config
     _check_place(folder, path)
@@ -108,8 +109,8 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
             snapshot = copy_results(results, config.name, copy)
             database = (_name_of_results(folder, Path(results)), copy)
         backup = Backup(folder, config, snapshot, database)
-        needed = sum(source.stat().st_size for source in backup.sources.values())
-        _check_space(folder, config, path, needed)
+        needed_bytes = sum(source.stat().st_size for source in backup.sources.values())
+        _check_space(folder, config, path, needed_bytes)
         yield backup
 
 
@@ -175,16 +176,16 @@ def _remarks(folder: Path, config: StationConfig, missing: list[str]) -> Iterato
             yield f"{text}: outside the station; see {CONFIG} after a restore"
 
 
-def _check_space(folder: Path, config: StationConfig, path: Path, needed: int) -> None:
-    """Check that `needed` bytes fit without bringing the station to its disk floor."""
-    home = path.absolute().parent
-    if home.stat().st_dev == folder.stat().st_dev:
-        needed += config.disk_floor_mb * 1_000_000
-    free = shutil.disk_usage(home).free
-    if free < needed:
+def _check_space(folder: Path, config: StationConfig, path: Path, needed_bytes: int) -> None:
+    """Check that the bytes fit without bringing the station to its disk floor."""
+    target_folder = path.absolute().parent
+    if target_folder.stat().st_dev == folder.stat().st_dev:
+        needed_bytes += config.disk_floor_mb * 1_000_000
+    free_bytes = shutil.disk_usage(target_folder).free
+    if free_bytes < needed_bytes:
         raise InputError(
-            f"{path}: {free / 1e6:.0f} MB free, {needed / 1e6:.0f} MB needed with the station's "
-            "disk floor; give a place on another disk"
+            f"{path}: {free_bytes / 1e6:.0f} MB free, {needed_bytes / 1e6:.0f} MB needed with the "
+            "station's disk floor; give a place on another disk"
         )
 
 
@@ -193,14 +194,14 @@ def _store(archive: zipfile.ZipFile, name: str, source: Path) -> StoredFile:
     digest = sha256()
     with open_regular_file(source, _MAX_FILE_BYTES) as file:
         status = os.fstat(file.fileno())
-        left = status.st_size
+        remaining_bytes = status.st_size
         with archive.open(zipfile.ZipInfo(name), "w", force_zip64=True) as member:
-            while left and (block := file.read(min(_BLOCK_BYTES, left))):
+            while remaining_bytes and (block := file.read(min(_BLOCK_BYTES, remaining_bytes))):
                 digest.update(block)
                 member.write(block)
-                left -= len(block)
+                remaining_bytes -= len(block)
     return StoredFile(
         path=name,
-        bytes=status.st_size - left,
+        bytes=status.st_size - remaining_bytes,
         sha256=digest.hexdigest(),
     )

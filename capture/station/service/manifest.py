@@ -9,9 +9,10 @@ from classify.base.models import Record
 
 MANIFEST = "backup.json"
 MAX_FILES = 2_000_000
-"""A part a second that fails, for three weeks; its manifest has 400 MB."""
+"""Largest number of files: those of three weeks with a failed part a second. The manifest then has
+400 MB."""
 MAX_FOLDERS = 16
-"""Below each other; a station makes five."""
+"""Largest number of folders inside each other; a station makes five."""
 
 
 def _inside(text: str) -> str:

@@ -14,15 +14,16 @@ from capture.station.run.live_view import LiveEvent
 from capture.station.run.states import State
 from classify.base.errors import InputError
 
-# Workers report several times a second; systemd does not need each report.
+# Least time between two pings: workers report several times a second.
 _PING_S = 1.0
 _WORKERS = set(get_args(Worker))
 _OPEN = (State.READY, State.EXECUTING)
 
 
 class Notifier:
-    """Subscriber to a station's events that pings the watchdog when all workers report; never
-    blocks or raises.
+    """Subscriber to a station's events, which pings the watchdog when all workers have reported.
+
+    It never blocks or raises.
     """
 
     def __init__(
@@ -55,7 +56,7 @@ class Notifier:
         return cls(address, int(usec) / 1e6)
 
     def tell(self, live: LiveEvent) -> None:
-        """Take an event of the station, and the state after it."""
+        """Report the state after an event of the station."""
         state = live.state
         with self._lock:
             self._is_ready |= state.state is State.READY

@@ -56,9 +56,9 @@ class _OpenBackup:
                 self._extract(file, temporary)
                 yield file.path
             StationFolder(temporary)  # a backup of something else is refused
-            for made in temporary.rglob("*"):
-                if made.is_dir():
-                    sync(made)
+            for path in temporary.rglob("*"):
+                if path.is_dir():
+                    sync(path)
             sync(temporary)
             if folder.exists():
                 folder.rmdir()  # Windows cannot rename onto a folder
@@ -90,16 +90,16 @@ class _OpenBackup:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.touch(exist_ok=False)
         path.chmod(OWNER_ONLY if path.name in SECRETS else 0o640)
-        digest, left = sha256(), file.bytes
+        digest, remaining_bytes = sha256(), file.bytes
         with self._readable(), self._archive.open(file.path) as member, path.open("wb") as target:
             # One byte more is read, to notice a file that is too long.
-            while block := member.read(min(_BLOCK_BYTES, left + 1)):
-                left -= len(block)
-                if left < 0:
+            while block := member.read(min(_BLOCK_BYTES, remaining_bytes + 1)):
+                remaining_bytes -= len(block)
+                if remaining_bytes < 0:
                     break
                 digest.update(block)
                 target.write(block)
-        if left != 0 or digest.hexdigest() != file.sha256:
+        if remaining_bytes != 0 or digest.hexdigest() != file.sha256:
             raise InputError(f"{self._path}: damaged: {file.path} is not the file that was stored")
         sync(path)
 

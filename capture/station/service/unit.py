@@ -16,17 +16,18 @@ from rig.config.lights import AUTO
 
 USER = "ps4rig"
 _UNITS = "/etc/systemd/system"
-# Longest time between two reports of a worker, beside its exposures: a database that does not
-# answer is given up after 40 s at the latest, and some cameras take 10 s to open.
+# Longest time between two reports of a worker, without its exposures: a database that does not
+# answer is abandoned after at most 40 s, and some cameras take 10 s to open.
 _TIMEOUT_S = 60.0
-# Frame periods of a self-test for each light: three tests, two attempts, three frames.
+# Number of frame periods of a self-test for each light: three tests, two attempts, three frames.
 _PERIODS = 18
 # Drivers of serial adapters and of boards with USB: /proc/devices.
 _SERIAL = ("ttyACM", "ttyUSB")
 _FIRST_FREE_PORT = 1024
 _HOMES = ("/home", "/root", "/run/user")
 _TEMPORARY = ("/tmp", "/var/tmp")
-# Of station run with its panel, of station run without, and of the panel alone.
+# Options of the commands, by the `panel` of `unit_text`: station run with its panel (None) or
+# without it (False), and the panel alone (True).
 OPTIONS = {None: "", False: " --no-panel", True: " --panel"}
 
 # Not here: MemoryDenyWriteExecute, which forbids numba to compile; PrivateDevices, which hides the
@@ -59,8 +60,9 @@ DevicePolicy=closed"""
 
 
 def unit_name(folder: Path, panel: bool | None = None) -> str:
-    """Return the unit of a station or its panel without ``.service``, by its folder, as a copy has
-    the same name.
+    """Return the name of the unit of a station, or of its panel, without ``.service``.
+
+    It is made from the folder, because a copy of a station has the same name.
     """
     name = "ps4rig-" + re.sub(r"[^A-Za-z0-9:_.-]", "_", folder.resolve().name)
     return f"{name}-panel" if panel else name

@@ -28,7 +28,7 @@ _MIN_FOUND_SHARE = 0.9
 _LARGE_STRENGTH = 0.2
 """Size of a large fault, as a share of the frame; a recipe must find it to be approved."""
 
-# Good parts of a texture, for an approval.
+# Number of good parts of each texture that are studied for an approval.
 _PARTS = 3
 _MIDDLE_SHARE = 0.25  # of the frame, within which the middle of a fault lies
 _MAX_BYTES = 1 << 20
@@ -79,16 +79,17 @@ class FaultStudy(Record):
             (finding.texture, finding.fault) for finding in self.findings
         ):
             rows = [f for f in self.findings if (f.texture, f.fault) == (texture, fault)]
-            least = next(
+            first_found = next(
                 (n for n in range(len(rows)) if all(row.is_found for row in rows[n:])), None
             )
             counts = ", ".join(f"{f.strength:g}: {f.found} of {f.parts}" for f in rows)
             outcome = f"is not found ({counts})"
-            if least is not None:
-                fewest = min(rows[least:], key=lambda row: row.found / row.parts)
+            if first_found is not None:
+                weakest = rows[first_found]
+                fewest = min(rows[first_found:], key=lambda row: row.found / row.parts)
                 shown = share_at_least(fewest.found, fewest.parts)
                 outcome = (
-                    f"is found from {rows[least].strength:g} {rows[least].unit} on ({counts}); "
+                    f"is found from {weakest.strength:g} {weakest.unit} on ({counts}); "
                     f"{fewest.found} of {fewest.parts} show, with {CONFIDENCE:.0%} confidence, "
                     f"that {shown:.0%} or more are found"
                 )
@@ -99,8 +100,9 @@ class FaultStudy(Record):
 def study_faults(
     files: RecipeFolder, inspector: Inspector, parts: int, *, large_only: bool = False
 ) -> Iterator[FaultFinding]:
-    """Judge good parts that pass, at most `parts` of each texture, with faults, or with
-    `large_only` those of `_LARGE_STRENGTH`.
+    """Judge good parts that pass, at most `parts` of each texture, with each of `FAULTS`.
+
+    With `large_only`, only faults of `_LARGE_STRENGTH`.
     """
     taught = taught_for(inspector.recipe, files)
     draw = random.Random(1)
@@ -130,9 +132,9 @@ def study_faults(
                     found=judged.count(False),
                     parts=len(judged),
                 )
-                # Without a direction, a rotated piece shows at its edge alone, if at all.
-                excused = fault.needs_direction and not inspector.has_direction(texture)
-                if judged and (finding.is_found or not excused):
+                # Without a direction, a rotated piece is visible at most at its edge.
+                may_pass = fault.needs_direction and not inspector.has_direction(texture)
+                if judged and (finding.is_found or not may_pass):
                     yield finding
 
 

@@ -21,8 +21,8 @@ from classify.confidence import (
 )
 
 Rating = Literal["acceptable", "marginal", "unacceptable"]
-# Least effectiveness, most misses and most false alarms (AIAG, Measurement Systems Analysis, 4th
-# edition, chapter III C): acceptable, and marginal.
+# Smallest effectiveness, and largest shares of misses and of false alarms, of an acceptable and of
+# a marginal gauge (AIAG, Measurement Systems Analysis, 4th edition, chapter III C).
 ACCEPTABLE = (0.90, 0.02, 0.05)
 _MARGINAL = (0.80, 0.05, 0.10)
 _RATINGS: tuple[tuple[Rating, tuple[float, float, float]], ...] = (
@@ -102,8 +102,9 @@ class GaugeStudy:
         if any(share is None for share in shares):
             return "unacceptable"
         effectiveness, misses, false_alarms = (share or 0.0 for share in shares)
-        for rating, (least, most_misses, most_alarms) in _RATINGS:
-            if effectiveness >= least and misses <= most_misses and false_alarms <= most_alarms:
+        for rating, (min_effectiveness, max_misses, max_alarms) in _RATINGS:
+            is_effective = effectiveness >= min_effectiveness
+            if is_effective and misses <= max_misses and false_alarms <= max_alarms:
                 return rating
         return "unacceptable"
 
@@ -190,8 +191,9 @@ def read_known_parts(path: Path) -> dict[str, bool]:
 def presentations_of(
     known: dict[str, bool], recorded: Iterable[tuple[str, Verdict]]
 ) -> Sequence[Presentation]:
-    """Return presentations of known parts among recorded verdicts, by the id, or one such as
-    ``K07-2``.
+    """Return presentations of known parts among recorded verdicts.
+
+    The id of a presentation is that of the part, or one such as ``K07-2`` of part ``K07``.
     """
     presentations = []
     for part_id, verdict in recorded:

@@ -18,8 +18,8 @@ _Unit = Literal["of the frame", "of the taught value"]
 _SIZES = (0.06, 0.1, 0.2)
 _CONTRAST = 0.3  # of a stain
 _DEPTH_PER_SIZE = 0.1  # of a dent
-_EDGE_PX = 3.0
-_SAME_TILT_DEG = 3.0
+_EDGE_PX = 3.0  # width of the soft edge of a piece
+_SAME_TILT_DEG = 3.0  # largest difference of the tilts of lights that replace each other
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Place:
 
 @dataclass(frozen=True)
 class MadeFault:
-    """A kind of fault with three strengths, and what makes it from images without ambient light."""
+    """A kind of fault with three strengths, made from images without ambient light."""
 
     name: str
     unit: _Unit  # of a strength: size of the fault, or factor of the whole part
@@ -139,7 +139,7 @@ def _mirrored(images: _Images, tilts_deg: Any, size: float, place: Place) -> _Im
 
 
 def _lights(tilts_deg: Any, source_deg: Callable[[float], float]) -> list[int] | None:
-    """For each light the one that shone from there before the part was moved."""
+    """For each light, the one whose light came from `source_deg` of its tilt; None without one."""
     lights = []
     for tilt_deg in tilts_deg.tolist():
         differences_deg = np.abs((tilts_deg - source_deg(tilt_deg) + 180.0) % 360.0 - 180.0)

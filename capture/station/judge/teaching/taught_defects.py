@@ -46,9 +46,9 @@ def teach_defects(
             yield surface
 
     model = learn_defects(surfaces(), orientations_deg)
-    # Parts from all over the order in which they were captured.
+    # In random order, so that the first ones are from the whole time of the captures.
     order = np.random.default_rng(0).permutation(len(good)).tolist()
-    tried = ((surface_of(good[n]), orientations_deg[n]) for n in order)
+    surfaces_to_try = ((surface_of(good[n]), orientations_deg[n]) for n in order)
     limit = recipe.limits_for(texture).defect or 1.0
     least_found = (
         LeastFound(
@@ -58,7 +58,9 @@ def teach_defects(
             strongest=detectable.defect.strongest,
             mm_per_px=good[0].mm_per_px,
         )
-        for detectable in show(detectability(model, tried, limit), 1, f"what is found on {texture}")
+        for detectable in show(
+            detectability(model, surfaces_to_try, limit), 1, f"what is found on {texture}"
+        )
     )
     return TaughtDefects(model, tuple(least_found), _in_image(marks.strongest(), recipe.region))
 

@@ -60,8 +60,9 @@ def teach(
     removed: Sequence[str] = (),
     show: ShowProgress = progress,
 ) -> Teaching:
-    """Teach sets beside the known ones less `removed` (or relabel them), and write a new version of
-    the recipe last.
+    """Teach sets in addition to the known ones, without those `removed`, or relabel known ones.
+
+    The new version of the recipe is written last.
     """
     with files.changing():
         before = read_recipe(files.file) if files.file.exists() else None
@@ -177,7 +178,9 @@ def _taught(
     segment_px = library.segment_px
     matches = leave_one_out([part.row for part in parts], [part.test for part in parts], segment_px)
     good = {name: [part for part in parts if part.kept.texture == name] for name in recipe.passes}
-    defects = {name: teach_defects(own, library, recipe, show) for name, own in good.items()}
+    defects = {
+        name: teach_defects(good_parts, library, recipe, show) for name, good_parts in good.items()
+    }
     models = {
         name: TextureModels(learned.model, _piece_model(good[name], library))
         for name, learned in defects.items()
@@ -192,9 +195,9 @@ def _taught(
         library_sha256=file_sha256(version.library),
         textures=textures,
     )
-    before, by_people = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
+    before, set_by_people = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
     measured = _measured_limits(recipe, parts, matches, models)
-    recipe = _with_limits(recipe, with_set_limits(measured, by_people), taught)
+    recipe = _with_limits(recipe, with_set_limits(measured, set_by_people), taught)
     inspections = _inspections(recipe, taught, library, models, parts, show)
     measured = {
         name: with_unjudged(
@@ -208,14 +211,14 @@ def _taught(
         )
         for name, limits in measured.items()
     }
-    limits_of = with_set_limits(measured, by_people)
+    limits_of = with_set_limits(measured, set_by_people)
     if limits_of != recipe.limits_of:
         recipe = recipe.model_copy(update={"limits_of": limits_of})
         inspections = _inspections(recipe, taught, library, models, parts, show)
     bounds = {name: model.defects.false_alarm_bound for name, model in models.items()}
     remarks = [
         *unlabelled_remarks(unlabelled),
-        *kept_remarks(measured, by_people),
+        *kept_remarks(measured, set_by_people),
         *_blind_spots(models),
         *(
             mark_remark(name, len(good[name]), learned.mark)
@@ -332,18 +335,17 @@ def _measured_limits(
 ) -> dict[str, Limits]:
     limits_of: dict[str, Limits] = {}
     for texture in recipe.passes:
-        numbers = [n for n, part in enumerate(parts) if part.kept.texture == texture]
-        own_matches = (matches[n] for n in numbers)
+        indices = [n for n, part in enumerate(parts) if part.kept.texture == texture]
         limits_of[texture] = limits_of_texture(
             [
                 match.distance
-                for match in own_matches
+                for match in (matches[n] for n in indices)
                 if match is not None and match.nearest == texture
             ],
-            [parts[n].sdq for n in numbers],
-            [parts[n].shadow_fraction for n in numbers],
-            [parts[n].unmeasured_fraction for n in numbers],
-            [parts[n].albedo for n in numbers],
+            [parts[n].sdq for n in indices],
+            [parts[n].shadow_fraction for n in indices],
+            [parts[n].unmeasured_fraction for n in indices],
+            [parts[n].albedo for n in indices],
             models[texture].pieces.scale_deviation,
             has_handedness=models[texture].pieces.handedness is not None,
         )

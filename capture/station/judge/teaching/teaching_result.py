@@ -21,8 +21,9 @@ from .taught_sets import KeptSet
 
 # Largest share of bad parts that may pass, and of good parts that may be rejected.
 _, _MAX_MISSES, _MAX_FALSE_ALARMS = ACCEPTABLE
-# Limits of 3 good parts are 10.6 standard deviations wide, those of 10 are 4.0, those of 30 are 3.1
-# (`classify.confidence.tolerance_factor`): from 10 on, more parts narrow them little.
+# Number of good parts from which more parts make the limits little narrower. Limits of 3 parts are
+# 10.6 standard deviations wide, those of 10 are 4.0, those of 30 are 3.1
+# (`classify.confidence.tolerance_factor`).
 _ENOUGH_PARTS = 10
 
 
