@@ -1,17 +1,8 @@
-"""Production for figures: a taught station, runs of it in forked processes, and what must agree.
-
-A forked process shares the imports of this one, so that a run starts in a tenth of a second. It is
-killed like any other process.
-"""
+"""Production: a taught station, runs of it, and what must agree."""
 
 import json
-import os
-import select
-import signal
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -36,8 +27,6 @@ from tests.capture.station.teaching_sets import SIDE_PX, acknowledge_faults, sav
 
 SMALL_RIG = RigConfig().with_changes(camera={"width_px": SIDE_PX, "height_px": SIDE_PX})
 VIRTUAL = SMALL_RIG.with_changes(simulation={"clock": "virtual"})
-# A run without an event for so long hangs. Machines stand still for minutes, too.
-_SILENCE_S = 900.0
 
 
 def taught_station(folder: Path, side_px: int = SIDE_PX, **config: object) -> Path:
@@ -89,76 +78,6 @@ def collected(folder: Path, parts: int) -> list[Event]:
         options = RunOptions(parts=parts, is_collecting=True)
         run_station(opened, VIRTUAL, TimerTrigger(0.0), live, options)
     return events
-
-
-@dataclass
-class ForkedRun:
-    """A run in a process of its own, and the events that it printed."""
-
-    process: int
-    pipe: int
-    events: list[dict[str, Any]] = field(default_factory=list)
-    is_over: bool = False
-    status: int | None = None
-    _rest: bytes = b""
-
-    @classmethod
-    def start(cls, folder: Path, parts: int | None = None) -> "ForkedRun":
-        """Fork, and run the station in the new process."""
-        reading, writing = os.pipe()
-        process = os.fork()
-        if process == 0:
-            os.close(reading)
-            _be_the_run(folder, parts, writing)
-        os.close(writing)
-        return cls(process, reading)
-
-    def read(self, timeout_s: float) -> None:
-        """Read what has been printed, or wait for more."""
-        if not select.select([self.pipe], [], [], timeout_s)[0]:
-            return
-        block = os.read(self.pipe, 1 << 16)
-        self.is_over = not block
-        *lines, self._rest = (self._rest + block).split(b"\n")
-        self.events += [json.loads(line) for line in lines]
-
-    def announced(self) -> int:
-        return sum(event["event"] == "part" for event in self.events)
-
-    def read_until(self, parts: int) -> None:
-        """Read until so many parts are announced, or the run is over."""
-        heard_s, known = time.monotonic(), -1
-        while not self.is_over and self.announced() < parts:
-            self.read(1.0)
-            if len(self.events) != known:
-                heard_s, known = time.monotonic(), len(self.events)
-            assert time.monotonic() - heard_s < _SILENCE_S, "the run hangs"
-
-    def kill(self) -> None:
-        os.kill(self.process, signal.SIGKILL)
-        self.wait()
-
-    def wait(self) -> int:
-        """Read the rest, and return the exit status."""
-        while not self.is_over:
-            self.read(_SILENCE_S)
-        os.close(self.pipe)
-        self.status = os.waitpid(self.process, 0)[1]
-        return self.status
-
-
-def _be_the_run(folder: Path, parts: int | None, writing: int) -> None:
-    def tell(live: LiveEvent) -> None:
-        os.write(writing, live.as_json.encode() + b"\n")
-
-    status = 1
-    try:
-        run_parts(folder, parts, tell)
-        status = 0
-    except BaseException as error:
-        os.write(2, f"{folder.name}: {error!r}\n".encode())
-    finally:
-        os._exit(status)
 
 
 def contradictions(

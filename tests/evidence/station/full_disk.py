@@ -16,11 +16,8 @@ from pathlib import Path
 # The kernels of forked processes run in one thread.
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
-from tests.capture.station.production import (
-    ForkedRun,
-    contradictions,
-    taught_station,
-)
+from tests.capture.station.production import contradictions, taught_station
+from tests.evidence.station.forked_run import ForkedRun
 
 _DISK_MB = 64
 

@@ -24,8 +24,9 @@ os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_T
 import cv2
 
 from capture.station.results.verification import verify_station
-from tests.capture.station.production import ForkedRun, contradictions, taught_station
+from tests.capture.station.production import contradictions, taught_station
 from tests.evidence.station import line_kills, watched_panel
+from tests.evidence.station.forked_run import ForkedRun
 from tests.evidence.station.line_kills import killed_line
 from tests.evidence.station.two_recipes import rows_of, station_with_two_recipes
 from tests.postgresql_server import postgresql_server

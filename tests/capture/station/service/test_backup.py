@@ -27,7 +27,6 @@ from capture.station.service.manifest import MANIFEST
 from capture.station.service.restore import opened_backup
 from classify.base.errors import InputError
 from tests.capture.station.days_with_parts import make_days
-from tests.capture.station.production import ForkedRun, contradictions, taught_station
 from tests.capture.station.stations import Manual, bench, one_after_the_other, small_set
 
 
@@ -362,39 +361,6 @@ def test_a_station_before_its_first_run_has_a_backup(tmp_path: Path, ps4rig: Any
     assert "station line-1 of 2" in done.stdout
     assert "0 parts, 0 sets" in done.stdout
     assert StationFolder(tmp_path / "again").config == StationFolder(tmp_path / "line-1").config
-
-
-@pytest.mark.slow
-def test_a_station_restored_from_a_backup_of_its_production_runs_on(tmp_path: Path) -> None:
-    folder = taught_station(tmp_path / "line-1")
-    run = ForkedRun.start(folder)
-    try:
-        run.read_until(5)
-        first = back_up(folder, tmp_path / "first.ps4backup")
-        run.read_until(run.announced() + 5)
-        second = back_up(folder, tmp_path / "second.ps4backup")
-        run.read_until(run.announced() + 3)
-    finally:
-        run.kill()
-    for path, least in ((first, 5), (second, 10)):
-        with opened_backup(path) as opened:
-            manifest = opened.manifest
-        shutil.move(folder, tmp_path / f"before-{path.name}")
-        restore(path, folder)
-        parts = [event for event in run.events if event["event"] == "part"][: manifest.parts]
-        assert len(parts) == manifest.parts >= least
-        last = ForkedRun.start(folder, parts=2)
-        assert last.wait() == 0
-        begun = {event["part_id"] for event in run.events if event["event"] == "begun"}
-        recovered = [event for event in last.events if event["event"] == "recovered"]
-        assert {event["part_id"] for event in recovered} <= begun
-        assert list(contradictions(folder, parts + last.events)) == []
-        numbers = [
-            event["number"]
-            for event in parts + last.events
-            if event["event"] in ("part", "recovered")
-        ]
-        assert sorted(numbers) == [*range(1, len(numbers) + 1)]
 
 
 def test_a_small_backup_with_a_large_manifest_is_refused(stored: Path, tmp_path: Path) -> None:
