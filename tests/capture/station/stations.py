@@ -107,6 +107,12 @@ class Manual:
         self.run = feed
 
 
+def until_ready(station: Station) -> None:
+    """Wait until the station takes a trigger."""
+    while not station.wait_until_ready(0.1):
+        assert not station.is_stopping
+
+
 def one_after_the_other(count: int, answers: list[Answer] | None = None) -> Manual:
     """Trigger whenever the station is ready, `count` times."""
 

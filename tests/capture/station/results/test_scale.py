@@ -8,16 +8,15 @@ from collections import deque
 from pathlib import Path
 
 import pytest
-from sqlalchemy import insert
 
 from capture.station.domain.verdict import Decision
-from capture.station.results.chain import append, broken_links
+from capture.station.results.chain import broken_links
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.history_table import json_pieces, write_csv
-from capture.station.results.schema import begun_parts, results, stations
 from capture.station.results.store import BegunPart, ResultStore, open_store
 from tests.memory_growth import resident_mb
 
+from .many import fill
 from .parts import UTC, result_of
 
 
@@ -32,16 +31,9 @@ def sqlite_bytes() -> int:
 def large_store(tmp_path: Path) -> ResultStore:
     """The results of 100,000 parts, written in one transaction."""
     store = open_store(str(tmp_path / "large.sqlite"), "line-1", create=True)
-    begun = [BegunPart(f"part-{n:06d}", n, "timer", UTC, False) for n in range(1, 100_001)]
+    begun = (BegunPart(f"part-{n:06d}", n, "timer", UTC, False) for n in range(1, 100_001))
     decisions = list(Decision)
-
-    def work(connection) -> None:
-        connection.execute(insert(stations).values(station="line-1", since_utc=UTC))
-        rows = [{"station": "line-1", "request": part.part_id, **vars(part)} for part in begun]
-        connection.execute(insert(begun_parts), rows)
-        append(connection, results, *(result_of(n, decisions[n.number % 4]).row for n in begun))
-
-    store.write(work)
+    fill(store, [result_of(part, decisions[part.number % 4]) for part in begun])
     return store
 
 

@@ -46,6 +46,7 @@ from tests.capture.station.stations import (
     Said,
     bench,
     one_after_the_other,
+    until_ready,
 )
 
 
@@ -53,11 +54,6 @@ from tests.capture.station.stations import (
 def station(tmp_path: Path, captured: CapturedSet) -> Iterator[Bench]:
     with bench(tmp_path / "line-1", captured) as made:
         yield made
-
-
-def until_ready(station: Station) -> None:
-    while not station.wait_until_ready(0.1):
-        assert not station.is_stopping
 
 
 def trigger(station: Station, part_id: str | None = None) -> Answer:

@@ -17,7 +17,7 @@ from capture.station.run.events import PartAnnounced, PartRecovered, TriggerRefu
 from capture.station.run.refusals import MAX_WAITING
 from capture.station.run.station_clock import StationClock
 from capture.station.run.triggers import Accepted, Answer, Refusal, Refused, Trigger
-from tests.capture.station.stations import Bench, Manual, bench, one_after_the_other
+from tests.capture.station.stations import Bench, Manual, bench, one_after_the_other, until_ready
 
 LIMIT_S, LATER_S = 0.1, 60.0
 
@@ -26,11 +26,6 @@ LIMIT_S, LATER_S = 0.1, 60.0
 def station(tmp_path: Path, captured: CapturedSet) -> Iterator[Bench]:
     with bench(tmp_path / "line-1", captured) as made:
         yield made
-
-
-def until_ready(station: Station) -> None:
-    while not station.wait_until_ready(0.1):
-        assert not station.is_stopping
 
 
 @contextmanager

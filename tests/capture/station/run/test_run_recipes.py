@@ -22,7 +22,6 @@ from capture.station.run.states import State
 from capture.station.run.station_clock import StationClock
 from capture.station.run.station_rig import StationRig
 from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused
-from classify.base.errors import InputError
 from rig import RigConfig
 from tests.capture.station.production import SMALL_RIG, configure, run_parts
 from tests.capture.station.results.many import fill, many
@@ -221,15 +220,6 @@ def test_the_end_of_a_run_ends_the_replay_and_records_none_of_it(
     with pytest.raises(RecipeRefused, match="the station stops"):
         recipes.load("example", KIM, stop_at_the_second)
     assert not files.replay.exists()
-
-
-def test_a_last_recipe_that_cannot_be_loaded_is_named_with_the_way_out(
-    opened: StationFolder, loader: RecipeLoader, store: ResultStore
-) -> None:
-    keep_recipe(opened, "brass")
-    said = rf"it was loaded last: remove .*{LAST_RECIPE} to begin with recipe example$"
-    with pytest.raises(InputError, match=said):
-        loader.first(store, quiet)
 
 
 def test_a_last_recipe_that_fails_its_challenge_is_named_with_the_way_out(

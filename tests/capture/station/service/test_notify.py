@@ -16,7 +16,16 @@ from capture.station.run.triggers import Trigger
 from capture.station.service.notify import Notifier
 from classify.base.errors import InputError
 from rig import HardwareError
-from tests.capture.station.stations import PASSED, Bench, Manual, Said, bench, published, small_set
+from tests.capture.station.stations import (
+    PASSED,
+    Bench,
+    Manual,
+    Said,
+    bench,
+    published,
+    small_set,
+    until_ready,
+)
 
 from .systemd_socket import SystemdSocket, systemd_socket
 
@@ -76,8 +85,7 @@ def test_an_idle_station_is_ready_and_pings_the_watchdog(
 
 
 def triggered(target: Station) -> None:
-    while not target.wait_until_ready(0.1):
-        assert not target.is_stopping
+    until_ready(target)
     target.submit(Trigger("timer"))
 
 
