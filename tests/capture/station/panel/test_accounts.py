@@ -16,8 +16,6 @@ from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
 from capture.station.domain.tokens import Tokens
 from capture.station.domain.users import MAX_PASSWORD_LENGTH, Users
-from capture.station.panel.panel import Panel
-from capture.station.panel.server import serving_panel
 from capture.station.panel.sessions import (
     FAILURES_OF_A_NAME,
     IDLE_S,
@@ -205,21 +203,6 @@ def test_a_session_outlives_the_panel_and_has_the_present_role(folder: Path) -> 
     users.put("kim", Role.ENGINEER, PASSWORD)
     assert users.get("kim") != removed
     assert after.find(kim) is None
-
-
-def test_a_page_goes_on_with_the_panel_that_is_started_next(panel: RunningPanel) -> None:
-    panel.panel.users.put("ada", Role.ADMINISTRATOR, PASSWORD)
-    browser = panel.local
-    browser.log_in("ada")
-    panel.until_ready()
-    with serving_panel(Panel(panel.bench.folder, panel.live, panel.panel.settings)) as url:
-        browser.url = url
-        assert browser.get("/").status == 200
-        # The page was drawn before the restart.
-        assert browser.post("/api/v1/trigger", X_CSRF_Token=browser.csrf).status == 202
-        assert browser.form("/logout").status == 303
-    browser.url = panel.url
-    assert browser.get("/").status == 303
 
 
 def test_damaged_sessions_are_named_with_the_way_out(folder: Path) -> None:

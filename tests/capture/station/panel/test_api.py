@@ -1,8 +1,6 @@
 """The HTTP API over real sockets, of a station whose rig is fake."""
 
-import csv
 import hashlib
-import io
 import socket
 import threading
 import time
@@ -19,11 +17,8 @@ from sqlalchemy import select
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.fault import Fault
-from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.panel.filters import selection_of
 from capture.station.panel.security import Denied
 from capture.station.panel.triggering import MAX_WAITING, KeyedTriggers
 from capture.station.results.history import HistoryEntry
@@ -207,23 +202,6 @@ def test_few_triggers_wait_for_a_station_that_does_not_answer() -> None:
         answering.set()
 
 
-def test_parts_come_in_pages_and_as_csv_with_the_same_filters(panel: RunningPanel) -> None:
-    verdicts = iter([PASSED, BAD, PASSED, BAD, PASSED])
-    panel.bench.inspector.inspect = lambda _: Said(next(verdicts))
-    ids = panel.parts(5)
-    first = panel.local.get("/api/v1/parts?simulated=only&limit=3").json
-    assert [part["part_id"] for part in first["parts"]] == ids[:1:-1]
-    rest = panel.local.get(f"/api/v1/parts?simulated=only&limit=3&below={first['next_below']}").json
-    assert [part["part_id"] for part in rest["parts"]] == ids[1::-1]
-    assert rest["next_below"] is None
-    failed = panel.local.get("/api/v1/parts?simulated=true&verdict=fail").json["parts"]
-    assert [part["reason"] for part in failed] == [BAD.reason, BAD.reason]
-    table = panel.local.get("/api/v1/parts.csv?simulated=true&verdict=FAIL")
-    rows = list(csv.DictReader(io.StringIO(table.text)))
-    assert [row["part_id"] for row in rows] == [ids[1], ids[3]]
-    assert panel.local.get("/api/v1/parts").json["parts"] == []  # none is production
-
-
 @pytest.mark.parametrize(
     "query",
     [
@@ -244,14 +222,6 @@ def test_a_field_that_is_not_known_is_named_and_nothing_is_done(panel: RunningPa
     assert answer.status == 400
     assert answer.json["error"].startswith("part: ")
     assert panel.bench.rows() == []
-
-
-def test_a_minute_is_selected_to_its_end() -> None:
-    """The form of the history shows a day as its first and its last minute, and sends them."""
-    day, minute = ({"until": text} for text in ("2026-11-22", "2026-11-22T23:59"))
-    assert selection_of(minute) == selection_of(day)
-    exact = selection_of({"since": "2026-11-22T14:30", "until": "2026-11-22T14:30:00"})
-    assert exact.since_utc == exact.until_utc == "2026-11-22T14:30:00.000Z"
 
 
 def test_an_engineer_overrides_and_the_log_says_who_from_and_to(panel: RunningPanel) -> None:
@@ -409,13 +379,3 @@ def test_the_head_of_an_answer_can_be_asked_for(without_users: RunningPanel) -> 
         answer = without_users.local.ask("HEAD", path)
         assert (answer.status, answer.body) == (200, b"")
         assert int(answer.headers["content-length"]) > 0
-
-
-def test_recipes_are_listed_and_read(panel: RunningPanel) -> None:
-    none = {"recipes": [], "configured": "example", "running": None}
-    assert panel.local.get("/api/v1/recipes").json == none
-    written = Recipe(name="example", passes=("rock",))
-    write_recipe(panel.bench.folder.recipe_files().file, written)
-    assert panel.local.get("/api/v1/recipes").json["recipes"] == ["example"]
-    assert panel.local.get("/api/v1/recipes/example").json["sha256"] == written.sha256
-    assert panel.local.get("/api/v1/recipes/none").status == 404
