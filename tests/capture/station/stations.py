@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -66,6 +67,13 @@ def small_set() -> CapturedSet:
     small = RigConfig().with_changes(camera={"width_px": 32, "height_px": 32})
     with open_rig(small) as rig:
         return capture_set(rig)
+
+
+def make_days(folder: Path, until: datetime, days: int = 5) -> None:
+    """Make the folders of the last days in a station."""
+    for days_ago in range(days):
+        day = (until - timedelta(days=days_ago)).date().isoformat()
+        (folder / "parts" / day).mkdir(parents=True, exist_ok=True)
 
 
 class FakeCamera:

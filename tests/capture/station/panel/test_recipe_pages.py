@@ -15,7 +15,7 @@ from capture.station.panel.background_jobs import Job
 from capture.station.results.database import ResultsUnavailable
 from capture.station.run.events import RecipeLoaded
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
-from tests.capture.station.panel.quick_jobs import wait
+from tests.capture.station.panel.test_background_jobs import wait
 
 PAGE, API = "/recipes/example", "/api/v1/recipes/example"
 

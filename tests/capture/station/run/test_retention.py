@@ -14,8 +14,8 @@ from capture.station.results.store import ResultStore, open_store
 from capture.station.run import retention
 from capture.station.run.retention import is_sample, remove_old_sets, retention_in_background
 from classify.base.errors import InputError
-from tests.capture.station.days_with_parts import make_days
 from tests.capture.station.results.parts import inspect
+from tests.capture.station.stations import make_days
 from tests.waiting import until_so
 
 NOW = datetime(2026, 11, 22, 12, tzinfo=UTC)

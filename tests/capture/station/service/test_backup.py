@@ -26,8 +26,13 @@ from capture.station.service.backup import prepared_backup
 from capture.station.service.manifest import MANIFEST
 from capture.station.service.restore import opened_backup
 from classify.base.errors import InputError
-from tests.capture.station.days_with_parts import make_days
-from tests.capture.station.stations import Manual, bench, one_after_the_other, small_set
+from tests.capture.station.stations import (
+    Manual,
+    bench,
+    make_days,
+    one_after_the_other,
+    small_set,
+)
 
 
 def back_up(folder: Path, path: Path) -> Path:
