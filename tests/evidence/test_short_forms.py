@@ -17,9 +17,10 @@ from . import (
     true_normals,
     uncertainty,
 )
+from .station import history
 
 STUDIES = (
-    defect_constants, drift_rates, joint_constants, light_order_rates, orientation_flags,
+    defect_constants, drift_rates, history, joint_constants, light_order_rates, orientation_flags,
     photograph_rates, session_faults, session_kills, sphere_rates, true_normals, uncertainty,
 )  # fmt: skip
 Main = Callable[[Sequence[str]], int]

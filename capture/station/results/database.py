@@ -25,7 +25,7 @@ TIMEOUT_S = 20.0
 _CONNECT_TIMEOUT_S = 5
 _PAUSE_S = 0.01  # between two tries of a new SQLite file
 # Cache of an SQLite connection that only reads. A scan of a table would fill SQLite's default of
-# 2 MB, and keep it. Queries are as fast with this one: pytest -m slow -s test_scale.py.
+# 2 MB, and keep it. Queries are as fast with this one (tests.evidence.station.history).
 _READ_CACHE_KB = 256
 _RESULTS_FORM = "give postgresql://USER@HOST/DATABASE, or a file name such as results.sqlite"
 # Advisory locks of PostgreSQL are named by two integers: the letters "ps4r", and the station.
