@@ -127,14 +127,6 @@ def test_an_override_has_a_verdict_and_a_reason_before_anything_is_recorded(
         override_part(store, None, None, entry, **given)  # type: ignore[arg-type]
 
 
-def test_what_was_written_is_there_when_the_database_is_opened_again(open_line: OpenStore) -> None:
-    with open_line("line-1") as store:
-        result = inspect(store)
-    with open_line("line-1") as store:
-        assert [entry.result for entry in store.parts()] == [result]
-        assert begin(store).number == 2
-
-
 @pytest.mark.parametrize("version", [VERSION - 1, VERSION + 1])
 def test_tables_of_another_version_are_refused(
     database: str, open_line: OpenStore, version: int

@@ -14,7 +14,7 @@ import pytest
 
 from capture.base.errors import CalibrationError, SetRejected
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.domain.verdict import Cause, Decision
 from capture.station.results.part_result import PartResult
 from capture.station.run.cycle import Station
 from capture.station.run.events import (
@@ -542,11 +542,3 @@ def test_a_part_that_was_begun_only_becomes_an_error(station: Bench) -> None:
     assert "set file is damaged" in second.verdict.reason
     assert second.set_file is None
     assert station.rows()[2] == (*ids(3), Decision.PASS)
-
-
-def test_a_verdict_that_fails_is_announced_as_such(station: Bench) -> None:
-    bad = Verdict(Decision.FAIL, "a scratch", (Cause.DEFECT,))
-    station.inspector.inspect = lambda _: Said(bad)
-    station.run(one_after_the_other(1), count=1)
-    assert station.of(PartAnnounced)[0].result.verdict == bad
-    assert station.of(StationStopped)[0].rejected == 1
