@@ -30,7 +30,7 @@ from capture.station.run.triggers import Accepted, Refused, Trigger, TriggerTooL
 from tests.capture.station.panel.panels import WAIT_S, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
 from tests.memory_growth import growth_bytes
-from tests.waiting import until_so
+from tests.waiting import Gate, until_so
 
 BAD = Verdict(Decision.FAIL, "a scratch of 12 px", (Cause.DEFECT,))
 
@@ -73,12 +73,11 @@ def test_a_trigger_whose_client_leaves_before_its_part_is_begun_is_refused(
 ) -> None:
     """The database holds the part up, while the client gives up."""
     store = panel.bench.store
-    begin, waits, go_on = store.begin, threading.Event(), threading.Event()
+    begin, gate = store.begin, Gate()
 
     def slow(*, require: Callable[[], None], **given: Any) -> BegunPart:
         def left() -> None:
-            waits.set()
-            assert go_on.wait(60)
+            gate.hold()
             until_so(lambda: _raises(require))
             require()
 
@@ -89,8 +88,8 @@ def test_a_trigger_whose_client_leaves_before_its_part_is_begun_is_refused(
     where = urlsplit(panel.url)
     with socket.create_connection((str(where.hostname), where.port)) as client:
         client.sendall(f"POST /api/v1/trigger HTTP/1.1\r\nHost: {where.netloc}\r\n\r\n".encode())
-        assert waits.wait(60)
-    go_on.set()
+        gate.until_reached()
+    gate.open()
     until_so(lambda: refused_triggers(panel) == 1)
     assert panel.bench.rows() == []
     [event] = panel.bench.of(TriggerRefused)

@@ -36,6 +36,7 @@ from rig.doctor.check import Check
 from rig.errors import CameraError, HardwareError, LightControllerError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.stations import PASSED, Said
+from tests.waiting import Gate
 
 UTC = "2026-01-02T03:04:05.678Z"
 
@@ -148,11 +149,10 @@ def test_a_stream_ends_when_its_user_is_removed(
 
 
 def test_events_do_not_wait_for_the_check_of_a_user(panel: RunningPanel, monkeypatch: Any) -> None:
-    asked, is_over = threading.Event(), threading.Event()
+    gate = Gate()
 
     def identity(*_: object) -> Identity:
-        asked.set()
-        assert is_over.wait(60)
+        gate.hold()
         return Identity("kim", Role.OPERATOR, "local")
 
     monkeypatch.setattr("capture.station.panel.event_stream.identity_of", identity)
@@ -160,11 +160,11 @@ def test_events_do_not_wait_for_the_check_of_a_user(panel: RunningPanel, monkeyp
     try:
         with stream(panel.local) as messages:
             next(messages)
-            assert asked.wait(60)
+            gate.until_reached()
             panel.live.announce({"event": "override"})
             assert any(each["event"] == "override" for each in messages)
     finally:
-        is_over.set()
+        gate.open()
 
 
 def test_a_stream_ends_with_the_last_event(panel: RunningPanel) -> None:

@@ -40,7 +40,7 @@ from tests.capture.station.stations import (
     Said,
     bench,
 )
-from tests.waiting import until_so
+from tests.waiting import Gate, until_so
 
 WAIT_S = 60.0
 KIM = Asker("kim", "engineer")
@@ -107,24 +107,18 @@ def check_order(station: Bench) -> None:
 
 
 def test_parts_in_progress_keep_the_recipe_of_their_trigger(station: Bench) -> None:
-    exposing, go_on = threading.Event(), threading.Event()
-
-    def capture(number: int) -> None:
-        if number == 2:
-            exposing.set()
-            assert go_on.wait(WAIT_S)
-
-    station.camera.on_capture = capture
+    gate = Gate()
+    station.camera.on_capture = lambda number: gate.hold() if number == 2 else None
 
     def feed(target: Station) -> None:
         for _ in range(2):
             ready(target)
             trigger(target)
-        assert exposing.wait(WAIT_S)
+        gate.until_reached()
         asking = Asking(target)
         assert isinstance(trigger(target), Refused)
         until_so(lambda: target._changeover.is_requested)
-        go_on.set()
+        gate.open()
         asking.join(WAIT_S)
         assert asking.answer == RecipeLoaded("brass", 1, asking.answer.sha256, "kim")
         assert isinstance(trigger(target), Accepted)  # it is ready as soon as it has answered
@@ -180,23 +174,17 @@ def test_no_part_is_judged_by_a_mixture_whenever_triggers_and_changes_come(
 def test_a_recipe_waits_for_the_parts_in_progress_not_for_a_buffer(
     station: Bench, buffers: int, kind: Refusal
 ) -> None:
-    judging, go_on = threading.Event(), threading.Event()
-
-    def inspect(_: CapturedSet) -> Said:
-        judging.set()
-        assert go_on.wait(WAIT_S)
-        return Said(PASSED)
-
-    station.inspector.inspect = inspect
+    gate = Gate()
+    station.inspector.inspect = lambda _: gate.hold() or Said(PASSED)
 
     def feed(target: Station) -> None:
         ready(target)
         trigger(target)
-        assert judging.wait(WAIT_S)
+        gate.until_reached()
         asking = Asking(target)
         until_so(lambda: target._changeover.is_requested)
         refused = trigger(target)
-        go_on.set()
+        gate.open()
         asking.join(WAIT_S)
         assert asking.answer.name == "brass"
         assert isinstance(refused, Refused)
@@ -293,21 +281,16 @@ def failing_once(station: Bench) -> Callable[..., Any]:
 
 def test_one_recipe_is_loaded_at_a_time(station: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("capture.station.run.changeover.TIMEOUT_S", 0.01)
-    loading, go_on = threading.Event(), threading.Event()
-
-    def load(_: str) -> None:
-        loading.set()
-        assert go_on.wait(WAIT_S)
-
-    recipes_of(station).on_load = load
+    gate = Gate()
+    recipes_of(station).on_load = gate.hold
 
     def feed(target: Station) -> None:
         ready(target)
         first = Asking(target)
-        assert loading.wait(WAIT_S)
+        gate.until_reached()
         assert refusal(target, "tin").kind is RecipeRefusal.BUSY
         assert isinstance(trigger(target), Accepted)  # parts go on meanwhile
-        go_on.set()
+        gate.open()
         first.join(WAIT_S)
         assert first.answer.name == "brass"
 
@@ -316,12 +299,11 @@ def test_one_recipe_is_loaded_at_a_time(station: Bench, monkeypatch: pytest.Monk
 
 
 def test_a_station_that_fails_or_stops_refuses_the_recipe_that_waits(station: Bench) -> None:
-    inspecting, go_on = threading.Event(), threading.Event()
+    gate = Gate()
     answers: list[Asking] = []
 
     def inspect(_: CapturedSet) -> Any:
-        inspecting.set()
-        assert go_on.wait(WAIT_S)
+        gate.hold()
         raise RuntimeError
 
     station.inspector.inspect = inspect
@@ -329,14 +311,14 @@ def test_a_station_that_fails_or_stops_refuses_the_recipe_that_waits(station: Be
     def feed(target: Station) -> None:
         ready(target)
         trigger(target)
-        assert inspecting.wait(WAIT_S)
+        gate.until_reached()
         answers.append(Asking(target))
         until_so(lambda: target._changeover.is_requested)
         assert trigger(target).kind is Refusal.NOT_READY
         target.stop()  # type: ignore[attr-defined]
         assert trigger(target).kind is Refusal.STOPPING
         answers.append(Asking(target))
-        go_on.set()
+        gate.open()
 
     station.run(Manual(feed))
     for each in answers:

@@ -48,6 +48,7 @@ from tests.capture.station.stations import (
     one_after_the_other,
     until_ready,
 )
+from tests.waiting import Gate
 
 
 @pytest.fixture
@@ -78,18 +79,9 @@ def test_parts_are_announced_in_the_order_of_their_triggers(station: Bench) -> N
 
 
 def test_the_next_part_is_exposed_while_the_last_verdict_is_computed(station: Bench) -> None:
-    second_is_exposed = threading.Event()
-
-    def inspect(_: CapturedSet) -> Said:
-        assert second_is_exposed.wait(60.0)
-        return Said(PASSED)
-
-    def capture(number: int) -> None:
-        if number == 2:
-            second_is_exposed.set()
-
-    station.inspector.inspect = inspect
-    station.camera.on_capture = capture
+    gate = Gate()
+    station.inspector.inspect = lambda _: gate.hold() or Said(PASSED)
+    station.camera.on_capture = lambda number: gate.open() if number == 2 else None
     station.run(one_after_the_other(2), count=2)
     kinds = [type(e) for e in station.events if isinstance(e, ExposureComplete | PartAnnounced)]
     assert kinds.count(PartAnnounced) == 2
@@ -129,23 +121,19 @@ def test_a_part_is_announced_only_with_its_file_and_its_row_on_disk(station: Ben
 
 
 def test_a_trigger_during_an_exposure_is_refused_and_recorded(station: Bench) -> None:
-    is_exposing, may_end = threading.Event(), threading.Event()
-
-    def capture(_: int) -> None:
-        is_exposing.set()
-        assert may_end.wait(60.0)
+    gate = Gate()
 
     def feed(target: Station) -> None:
         until_ready(target)
         assert isinstance(trigger(target), Accepted)
-        assert is_exposing.wait(60.0)
+        gate.until_reached()
         answer = trigger(target)
-        may_end.set()
+        gate.open()
         assert isinstance(answer, Refused)
         assert answer.kind is Refusal.BUSY
         until_ready(target)
 
-    station.camera.on_capture = capture
+    station.camera.on_capture = gate.hold
     station.run(Manual(feed))
     assert [event.recorded for event in station.of(TriggerRefused)] == [True]
     assert station.store.counters().simulated.refused_triggers == 1
@@ -153,11 +141,7 @@ def test_a_trigger_during_an_exposure_is_refused_and_recorded(station: Bench) ->
 
 
 def test_a_trigger_is_refused_while_all_buffers_wait_for_verdicts(station: Bench) -> None:
-    may_end = threading.Event()
-
-    def inspect(_: CapturedSet) -> Said:
-        assert may_end.wait(60.0)
-        return Said(PASSED)
+    gate = Gate()
 
     def feed(target: Station) -> None:
         for _ in range(2):
@@ -166,10 +150,10 @@ def test_a_trigger_is_refused_while_all_buffers_wait_for_verdicts(station: Bench
         while "2 parts wait for their verdict" not in getattr(trigger(target), "reason", ""):
             time.sleep(0.01)
         assert not target.wait_until_ready(0.05)
-        may_end.set()
+        gate.open()
         until_ready(target)
 
-    station.inspector.inspect = inspect
+    station.inspector.inspect = lambda _: gate.hold() or Said(PASSED)
     station.run(Manual(feed), buffers=2)
     assert len(station.announced()) == 2
     assert station.store.counters().simulated.refused_triggers == len(station.of(TriggerRefused))

@@ -1,7 +1,5 @@
 """Refused triggers that come while others are being recorded are counted too."""
 
-import threading
-
 import pytest
 
 from capture.station.results.database import ResultsUnavailable
@@ -9,6 +7,7 @@ from capture.station.results.store import RefusedTrigger
 from capture.station.run.events import TriggerRefused
 from capture.station.run.refusals import MAX_WAITING, Refusals
 from capture.station.run.triggers import Trigger
+from tests.waiting import Gate
 
 MORE = MAX_WAITING + 57
 
@@ -18,12 +17,11 @@ class BusyStore:
 
     def __init__(self, *, is_away: bool) -> None:
         self.is_away = is_away
-        self.is_asked, self.is_flood_over = threading.Event(), threading.Event()
+        self.gate = Gate()
         self.rows: list[RefusedTrigger] = []
 
     def refuse(self, *refused: RefusedTrigger) -> None:
-        self.is_asked.set()
-        assert self.is_flood_over.wait(60.0)
+        self.gate.hold()
         if self.is_away:
             raise ResultsUnavailable("the database is away")
         self.rows += refused
@@ -37,10 +35,10 @@ def test_what_comes_while_rows_are_written_is_counted(is_away: bool) -> None:
     for _ in range(MAX_WAITING):
         waiting.add(Trigger("modbus", "A-1"), "busy")
     with waiting.recording(store, lambda: False):  # type: ignore[arg-type]
-        assert store.is_asked.wait(60.0)
+        store.gate.until_reached()
         for _ in range(MORE - MAX_WAITING):
             waiting.add(Trigger("modbus", "A-1"), "busy")
-        store.is_flood_over.set()
+        store.gate.open()
     assert sum(event.triggers for event in events) == MORE
     assert {event.recorded for event in events} == {not is_away}
     assert len(store.rows) == (0 if is_away else len(events))

@@ -28,6 +28,7 @@ from tests.capture.station.stations import (
     small_set,
     until_ready,
 )
+from tests.waiting import Gate
 
 # Short, so that a station that hangs is noticed in the time of a test.
 WATCHDOG_S = 0.2
@@ -117,10 +118,10 @@ def running(
 def test_an_idle_station_is_ready_and_pings_the_watchdog(
     station: Bench, systemd: SystemdSocket
 ) -> None:
-    may_end = threading.Event()
-    thread = running(station, lambda _: may_end.wait(60.0))
+    gate = Gate()
+    thread = running(station, gate.hold)
     systemd.until(lambda: systemd.pings() >= 4)
-    may_end.set()
+    gate.open()
     thread.join()
     systemd.until_said("STOPPING=1")
     first_ready = next(lines for lines in systemd.said if "READY=1" in lines)
@@ -137,23 +138,17 @@ def triggered(target: Station) -> None:
 def test_a_thread_that_hangs_ends_the_pings_although_the_other_goes_on(
     station: Bench, systemd: SystemdSocket, stage: str
 ) -> None:
-    hangs, may_go_on = threading.Event(), threading.Event()
-
-    def hang(_: Any) -> Said:
-        hangs.set()
-        assert may_go_on.wait(60.0)
-        return Said(PASSED)
-
+    gate = Gate()
     if stage == "capture":
-        station.camera.on_capture = hang
+        station.camera.on_capture = gate.hold
     else:
-        station.inspector.inspect = hang
+        station.inspector.inspect = lambda _: gate.hold() or Said(PASSED)
     thread = running(station, lambda target: (triggered(target), triggered(target)), 2)
-    assert hangs.wait(60.0)
+    gate.until_reached()
     try:
         assert_silent(systemd)
     finally:
-        may_go_on.set()
+        gate.open()
         thread.join()
     systemd.until_said("STATUS=ready; parts: 2, the last part-000002 PASS")
 
