@@ -1,5 +1,6 @@
 """Stations for tests: real cycle, store and files; rig and inspector are given by a test."""
 
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -258,3 +259,21 @@ def bench(folder: Path, captured: CapturedSet) -> Iterator[Bench]:
     results = opened.config.results_in(folder)
     with open_store(results, opened.config.name, create=True) as store:
         yield Bench(opened, store, FakeCamera(captured), FakeInspector())
+
+
+@contextmanager
+def running(run: Callable[[Manual], object]) -> Iterator[None]:
+    """Run a station in a thread until the block ends."""
+    stopping = threading.Event()
+
+    def until_stopped(station: Station) -> None:
+        stopping.wait()
+        station.stop()
+
+    thread = threading.Thread(target=run, args=(Manual(until_stopped),))
+    thread.start()
+    try:
+        yield
+    finally:
+        stopping.set()
+        thread.join()

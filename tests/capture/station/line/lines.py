@@ -1,6 +1,5 @@
 """A PLC line of a running station with a fake rig, and clients that play the PLC."""
 
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
@@ -21,7 +20,7 @@ from capture.station.line.registers import (
 )
 from capture.station.run.events import TriggerRefused
 from capture.station.run.live_station import LiveStation
-from tests.capture.station.stations import Bench, bench
+from tests.capture.station.stations import Bench, bench, running
 from tests.waiting import until_so
 
 ANY_PORT = ModbusConfig(port=0)
@@ -72,21 +71,8 @@ def running_line(
         handshake = Handshake(session, plc_triggers=plc_triggers, station=live.state)
         line = PlcLine(live, handshake, now_s, last_s=0.0)
         station.live, station.listen = live, line.tell
-        stopping = threading.Event()
-
-        class UntilStopped:
-            def run(self, target: Any) -> None:
-                stopping.wait()
-                target.stop()
-
-        with serving_modbus(line, ANY_PORT) as where:
-            thread = threading.Thread(target=station.run, args=(UntilStopped(),))
-            thread.start()
-            try:
-                yield RunningLine(station, live, int(where.rpartition(":")[2]))
-            finally:
-                stopping.set()
-                thread.join()
+        with serving_modbus(line, ANY_PORT) as where, running(station.run):
+            yield RunningLine(station, live, int(where.rpartition(":")[2]))
 
 
 def until(plc: PlcConnection, bits: Status, *, is_set: bool = True) -> dict[str, Any]:

@@ -2,9 +2,8 @@
 
 import http.client
 import json
-import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,9 +20,8 @@ from capture.station.panel.server import serving_panel
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
 from capture.station.run.states import State
-from capture.station.run.triggers import TriggerSource
 from rig import RigConfig
-from tests.capture.station.stations import Bench, FakeRecipes, bench
+from tests.capture.station.stations import Bench, FakeRecipes, bench, running
 
 ANY_PORT = PanelConfig(port=0)
 PASSWORD = "correct horse"
@@ -175,7 +173,7 @@ def running_panel(
         live = LiveStation(station.folder.config.name, simulated=True)
         station.live, station.recipes = live, recipes
         panel = Panel(station.folder, live, settings)
-        with _running(panel, station.run) as url:
+        with running(station.run), serving_panel(panel) as url:
             yield RunningPanel(panel, url, bench=station)
 
 
@@ -187,26 +185,7 @@ def real_panel(folder: Path, rig_config: RigConfig) -> Iterator[ServedPanel]:
         panel = Panel(opened, live, ANY_PORT)
         with (
             live.telling(),
-            _running(panel, lambda source: run_station(opened, rig_config, source, live)) as url,
+            running(lambda source: run_station(opened, rig_config, source, live)),
+            serving_panel(panel) as url,
         ):
             yield ServedPanel(panel, url)
-
-
-@contextmanager
-def _running(panel: Panel, run: Callable[[TriggerSource], object]) -> Iterator[str]:
-    """Run a station in a thread until the block ends, and serve its panel; give the address."""
-    stopping = threading.Event()
-
-    class UntilStopped:
-        def run(self, target: Any) -> None:
-            stopping.wait()
-            target.stop()
-
-    thread = threading.Thread(target=run, args=(UntilStopped(),))
-    thread.start()
-    try:
-        with serving_panel(panel) as url:
-            yield url
-    finally:
-        stopping.set()
-        thread.join()
