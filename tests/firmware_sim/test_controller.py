@@ -3,10 +3,6 @@
 BANNER = b"READY PS4RIG,LED4,SIM-0001,2.1.0,2\n"
 
 
-def test_a_new_device_has_sent_its_banner(new_device):
-    assert new_device().controller.take_output() == BANNER
-
-
 def test_each_line_costs_its_delay_before_it_is_executed(new_device):
     device = new_device(link_delay_ms=2.5)
     device.controller.take_output()

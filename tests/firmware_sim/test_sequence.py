@@ -156,14 +156,6 @@ def test_the_watchdog_ends_a_sequence_even_in_a_dark_step(device):
     assert device.exchange(b"SYST:ERR?\n") == b'OK 100,"Watchdog: LEDs off"\n'
 
 
-def test_queries_keep_the_watchdog_quiet_in_a_sequence(device):
-    device.exchange(b"SYST:WDOG 100\n")
-    run = arm(device, 0, timeout_us=10_000_000)
-    for _ in range(10):
-        device.clock.sleep_s(0.080)
-        assert run.running
-
-
 def test_a_timed_sequence_triggers_each_exposure(device):
     pulses_s: list[float] = []
     device.board.on_trigger(lambda: pulses_s.append(device.clock.now_s()))

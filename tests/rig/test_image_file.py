@@ -14,6 +14,7 @@ import tifffile
 
 from classify.base.errors import InputError
 from rig.image_file import read_image
+from tests.image_files import chunk
 
 Pixels = npt.NDArray[Any]
 SMOOTH = cv2.GaussianBlur(
@@ -36,11 +37,6 @@ def refused(path: Path, content: bytes, capfd: pytest.CaptureFixture[str]) -> st
     assert "\n" not in message
     assert capfd.readouterr() == ("", "")
     return message.removeprefix(f"{path}: ")
-
-
-def chunk(kind: bytes, data: bytes) -> bytes:
-    checksum = struct.pack(">I", zlib.crc32(kind + data))
-    return struct.pack(">I", len(data)) + kind + data + checksum
 
 
 def png(pixels: bytes, *extra: bytes, side: tuple[int, int] = (4, 3), form: str = "80000") -> bytes:

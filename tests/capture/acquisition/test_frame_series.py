@@ -10,14 +10,10 @@ from capture.acquisition.frame_series import (
     brightest_light,
     frame_series,
     frames_at,
-    ladder_frames,
     ladder_ms,
     require_free_running,
     restored_exposure,
 )
-from capture.calibration.setting import Setting
-from capture.procedures.camera_parts import Rung, levels_of, response_parts
-from classify.calibration.calibration import Calibration
 from rig import CameraError, ConfigError, Rig, RigConfig, open_rig
 from rig.simulation.sensor import SensorModel
 
@@ -34,17 +30,6 @@ def sheet() -> Iterator[Rig]:
     )
     with open_rig(config) as opened:
         yield opened
-
-
-def parts_of(rig: Rig) -> list[object]:
-    with restored_exposure(rig):
-        light = brightest_light(rig)
-        rungs = [
-            Rung(exposure_ms, levels_of(frames, FULL, 12, Calibration()))
-            for exposure_ms, frames in ladder_frames(rig, light, ladder_ms(rig, light), 2)
-        ]
-    setting = Setting.of_rig(rig)
-    return [each.part for each in response_parts(rungs, Calibration(), setting, ("test",))]
 
 
 def test_frames_of_a_series_are_different_exposures_under_the_light(sheet: Rig) -> None:
@@ -107,10 +92,3 @@ def test_a_camera_that_waits_for_triggers_is_refused(sheet: Rig) -> None:
     triggered = Rig(config, sheet.clock, sheet.lights, sheet.camera, sheet.simulation)
     with pytest.raises(ConfigError, match="trigger"):
         require_free_running(triggered)
-
-
-def test_a_camera_that_obeys_is_linear(sheet: Rig) -> None:
-    response, noise = parts_of(sheet)
-    assert response.linear
-    gain = SensorModel(12).gain_e_per_dn
-    assert noise.sensor.gain_e_per_dn == pytest.approx(gain, rel=0.02)

@@ -192,20 +192,6 @@ def test_a_known_scale_gives_lengths_in_mm_and_micrometres(
     assert not any(each["relative"] for each in written.values())
 
 
-def test_a_set_without_a_valid_pixel_has_maps_and_no_roughness(
-    made_set: Callable[..., CapturedSet], tmp_path: Path
-) -> None:
-    black = made_set(np.zeros((4, 20, 30), np.uint16))
-    surface = black.solve()
-    assert not surface.valid.any()
-    write_maps(black, surface, tmp_path)
-    written = json.loads((tmp_path / "roughness.json").read_text())
-    assert written["valid_pixels"] == 0
-    assert [each["value"] for each in written["parameters"].values()] == [None] * 4
-    for name in FLOAT_MAPS:
-        assert np.isnan(tifffile.imread(tmp_path / f"{name}.tif")).all()
-
-
 @pytest.mark.parametrize("shape", [(4, 1, 1), (4, 3, 200), (4, 200, 3), (3, 40, 50), (9, 40, 50)])
 def test_sets_of_any_shape_and_number_of_lights_have_maps(
     made_set: Callable[..., CapturedSet], tmp_path: Path, shape: tuple[int, int, int]

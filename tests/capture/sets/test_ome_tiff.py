@@ -14,11 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from capture import CapturedSet, capture_set
+from capture import CapturedSet
 from capture.sets.metadata import ImageRecord
 from classify import Lighting
 from classify.base.errors import InputError
-from rig import Rig
 from rig.set_file import fields_sha256
 
 MadeSet = Callable[..., CapturedSet]
@@ -100,12 +99,6 @@ def test_file_names_that_xml_cannot_hold_come_back(path: Path, made_set: MadeSet
     records = tuple(ImageRecord(light=i, source_file=name) for i, name in enumerate(names))
     made_set(np.ones((4, 2, 2), np.uint16), images=records).save(path)
     assert [image.source_file for image in CapturedSet.load(path).metadata.images] == names
-
-
-def test_a_captured_set_comes_back_with_all_its_records(rig: Rig, tmp_path: Path) -> None:
-    captured = capture_set(rig, label="oak", average=2)
-    captured.save(tmp_path / "a.ome.tif")
-    assert CapturedSet.load(tmp_path / "a.ome.tif").metadata == captured.metadata
 
 
 @pytest.mark.parametrize("given", [True, False])

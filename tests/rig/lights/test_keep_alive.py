@@ -27,14 +27,6 @@ def output(rig: Any, led: int) -> float:
     return float(rig.simulation.board.output(led, rig.clock.now_s()))
 
 
-def test_an_open_rig_keeps_its_led_on_in_simulated_time() -> None:
-    with open_rig(SMALL) as rig:
-        rig.lights.select(2)
-        rig.clock.sleep_s(5.0)
-        assert output(rig, 2) == 1.0
-        assert rig.lights.confirm(2).led == 2
-
-
 def test_frames_may_be_read_for_longer_than_the_watchdog_waits() -> None:
     with open_rig(SMALL) as rig:
         rig.lights.select(1)

@@ -143,32 +143,6 @@ def test_a_frame_is_returned_after_the_exposure_of_its_last_row(readout_ms: floa
         assert rig.clock.now_s() >= frame.exposure_end_s + readout_ms / 1e3
 
 
-def test_a_stale_frame_shows_the_old_light() -> None:
-    rig = setup()
-    rig.board.set_led(1, 100)
-    rig.camera.read(1.0)
-    rig.clock.sleep_s(0.5)
-    rig.board.set_led(1, 0)
-    switched_s = rig.clock.now_s()
-    early = rig.camera.read(1.0)
-    assert early.exposure_end_s < switched_s
-    assert rig.light_ms(early) == pytest.approx(20.0 * (AMBIENT + LIGHTS[1]), rel=5e-3)
-    while (frame := rig.camera.read(1.0)).exposure_start_s < switched_s + 0.005:
-        pass
-    assert rig.light_ms(frame) == pytest.approx(20.0 * AMBIENT, rel=1e-2)
-
-
-def test_several_leds_add_up_by_their_levels() -> None:
-    rig = setup()
-    rig.board.set_led(0, 100)
-    rig.board.set_led(2, 50)
-    rig.clock.sleep_s(0.05)
-    for _ in range(3):
-        frame = rig.camera.read(1.0)
-    expected = 20.0 * (AMBIENT + LIGHTS[0] + 0.5 * LIGHTS[2])
-    assert rig.light_ms(frame) == pytest.approx(expected, rel=2e-3)
-
-
 def test_frames_in_the_queue_show_the_earlier_part() -> None:
     rig = setup()
     rig.board.set_led(0, 100)

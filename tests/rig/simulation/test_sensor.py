@@ -33,12 +33,6 @@ def test_the_mean_is_proportional_to_the_light_above_the_black_level(bits: int) 
         )
 
 
-def test_a_white_surface_fills_85_percent_of_the_well_in_20_ms() -> None:
-    sensor = SensorModel()
-    signal = exposed(sensor, 20.0).mean() - sensor.black_level_dn
-    assert signal / (sensor.full_scale_dn - sensor.black_level_dn) == pytest.approx(0.85, abs=1e-3)
-
-
 @pytest.mark.parametrize("bits", [10, 12, 16])
 def test_photon_transfer_is_a_line_of_slope_one_over_gain(bits: int) -> None:
     """Variance against mean signal: intercept read noise squared plus rounding, slope 1 / gain."""

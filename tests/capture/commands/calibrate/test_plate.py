@@ -119,16 +119,6 @@ def test_flat_areas_of_a_part_serve_with_a_mask(ps4rig: Run, tmp_path: Path) -> 
     assert "--mask is for" in done.stderr
 
 
-def test_a_part_that_is_not_a_sheet_is_refused_and_nothing_is_written(
-    ps4rig: Run, refused: Callable[..., str], tmp_path: Path
-) -> None:
-    rig_toml(tmp_path)
-    (part,) = captured(ps4rig, tmp_path, "rock", 0)
-    path = tmp_path / "rig.ps4cal"
-    assert "relief" in refused("calibrate", "plate", "--from", part, path, status=1)
-    assert not path.exists()
-
-
 def test_sets_of_another_setting_are_refused(
     ps4rig: Run, refused: Callable[..., str], tmp_path: Path
 ) -> None:
