@@ -77,19 +77,6 @@ def test_an_interrupt_while_the_lights_are_closed_still_closes_the_rest(
     assert threading.active_count() == threads
 
 
-def test_a_new_placement_is_in_the_next_frames(rig: Rig) -> None:
-    assert rig.simulation is not None
-    rig.lights.select(0)
-    rig.simulation.place(Placement(surface="sand", rotate_deg=30.0, seed=4))
-    assert rig.simulation.placement.surface == "sand"
-    for _ in range(6):
-        sand = rig.camera.read(1.0)
-    rig.simulation.place(Placement(surface="rock", seed=4))
-    for _ in range(6):
-        rock = rig.camera.read(1.0)
-    assert abs(sand.pixels.astype(float) - rock.pixels).mean() > 50.0
-
-
 def test_an_unknown_surface_is_refused_and_changes_nothing(rig: Rig) -> None:
     assert rig.simulation is not None
     before = rig.simulation.placement

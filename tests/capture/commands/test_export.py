@@ -117,14 +117,6 @@ def test_a_mesh_has_no_triangle_at_an_unknown_height(tmp_path: Path) -> None:
     np.testing.assert_array_equal(triangles["vectors"][:, 1:], vertices["place"][faces["corners"]])
 
 
-@pytest.mark.parametrize(("name", "element"), [("a.ply", 64 * 64 * 15), ("a.stl", 63 * 63 * 100)])
-def test_a_set_becomes_a_mesh(ps4rig: Command, in_folder: Path, name: str, element: int) -> None:
-    assert ps4rig("capture", "--rig", "sim", "--size", 64, "a.ome.tif").exit_code == 0
-    result = ps4rig("export", "a.ome.tif", name)
-    assert result.stdout == f"{name}: written, lengths in px, relative\n"
-    assert (in_folder / name).stat().st_size > element
-
-
 @pytest.mark.parametrize(
     ("output", "message"),
     [
@@ -151,7 +143,8 @@ def test_a_mesh_is_that_of_the_valid_pixels(
     mask = np.zeros((8, 9), np.bool_)
     mask[2:5, 3:7] = True
     made_set(np.full((4, 8, 9), 1000, np.uint16), mask=mask).save("a.ome.tif")
-    assert ps4rig("export", "a.ome.tif", name).exit_code == 0
+    result = ps4rig("export", "a.ome.tif", name)
+    assert result.stdout == f"{name}: written, lengths in px, relative\n"
     data = (in_folder / name).read_bytes()
     if name == "a.ply":
         assert b"element vertex 12\n" in data

@@ -226,22 +226,6 @@ def test_a_file_that_a_killed_run_wrote_is_adopted_not_captured_twice(
     assert names(folder()) == FILES
 
 
-def test_a_lost_journal_is_made_again_from_the_sets(
-    run: Run, folder: Folder, plan_file: Path
-) -> None:
-    run()
-    before = {entry.key: entry for entry in folder().journal.entries}
-    (folder().path / "journal.json").unlink()
-    assert make_session(plan_file) == folder().path
-    script = run()
-    assert [type(event) for event in script.events].count(SetAdopted) == 4
-    after = {entry.key: entry for entry in folder().journal.entries}
-    assert {key: entry.pixels_sha256 for key, entry in after.items()} == {
-        key: entry.pixels_sha256 for key, entry in before.items()
-    }
-    assert folder().missing() == []
-
-
 def test_a_damaged_or_foreign_file_is_captured_anew_and_kept_aside(
     run: Run, folder: Folder, session: Path
 ) -> None:

@@ -307,16 +307,6 @@ def test_a_state_of_another_form_is_an_error(damaged_line: Line, fields: str, me
 # A controller that restarts or is unplugged
 
 
-def test_a_restart_between_exchanges_is_noticed(bench: Any) -> None:
-    with LightController(bench.port, clock=bench.clock) as lights:
-        lights.select(1)
-        bench.controller.reset()
-        bench.clock.sleep_s(0.5)
-        with pytest.raises(LightControllerError, match="restarted"):
-            lights.confirm(1)
-        assert bench.lit() == [0.0] * 4
-
-
 def test_half_a_line_of_another_program_is_ignored() -> None:
     clock = VirtualClock()
     controller = SimulatedController(SimulatedBoard(clock), clock)

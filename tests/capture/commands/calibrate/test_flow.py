@@ -22,24 +22,9 @@ from classify import InputError
 from classify.calibration.calibration import Scale
 from classify.calibration.dark import Dark
 from rig import Rig
-from tests.capture.commands.calibrate import simulated_rigs
 
 SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")
 SCALE = Scale(0.05, 0.001, np.eye(3), None, 0.1)
-
-
-@pytest.fixture
-def rig_toml(tmp_path: Path) -> Path:
-    """A simulated rig whose LEDs are near and unequal."""
-    near = {"led_distance_px": 320, "led_levels": [1.0, 0.9, 1.0, 0.8]}
-    return simulated_rigs.rig_toml(tmp_path, 64, **near)
-
-
-def test_a_simulated_rig_places_the_target_of_each_set_by_itself(rig_toml: Path) -> None:
-    sets, source = target_sets(str(rig_toml), None, SHEET, rotations_deg=(0.0, 90.0))
-    assert source == ("captured",)
-    assert [each.metadata.placement.surface for each in sets] == ["plate", "plate"]
-    assert [each.metadata.placement.rotate_deg for each in sets] == [0.0, 90.0]
 
 
 def test_a_rig_or_sets_are_needed_and_not_both(tmp_path: Path) -> None:
