@@ -1,8 +1,8 @@
 """Parameters of the joint classifier, learned from all training sets.
 
-The four quarters of every training set show how much one surface differs from itself: how far its
-spectra and statistics scatter, and which statistics scatter together. A distance of 1 is the
-typical distance between two quarters of a set.
+The four quarters of every training set of a texture show how much one surface differs from itself:
+how far its spectra and statistics scatter, and which statistics scatter together. A distance of 1
+is the typical distance between two quarters of a set.
 ``tests/evidence/joint_constants.py`` prints the errors with each tuned number halved and doubled.
 """
 
@@ -16,7 +16,7 @@ from classify.base.arrays import BoolArray, FloatMap, Floats, Indices
 from classify.texture.heading import MOMENTS, heading_variances
 from classify.texture.spectra import ANGLES
 from classify.texture.statistics import QUARTERS, levels_for, statistics_length
-from classify.texture.uniformity import Uniformity
+from classify.texture.uniformity import Uniformity, uniformity_of
 
 from .classifier import Parameters, Shape
 from .joint_bounds import BLUR_BASIS, LOCAL_DIRECTIONS, RING_DIRECTIONS, blur_basis
@@ -209,14 +209,15 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
         "relief_floors": relief_floors,
         "albedo_floors": relief_floors * np.array(ALBEDO_GAINS[: len(relief_floors)]),
     }
-    statistics = np.stack([statistics_rows(frame.statistics, floors) for frame in frames])
+    textures = _textures(trainings)
+    statistics = np.stack([statistics_rows(each.frame.statistics, floors) for each in textures])
     whitening = _whitening(statistics[:, 1:], len(relief_floors))
     metric = {
         **floors,
-        CONTRAST_GAINS: _contrast_gains(trainings, floors),
+        CONTRAST_GAINS: _contrast_gains(textures, floors),
         "whitening": whitening,
     }
-    spectral, local = quarter_distances(trainings, statistics, metric)
+    spectral, local = quarter_distances(textures, statistics, metric)
     variances = [heading_variances(frame.statistics.headings) for frame in frames]
     learned = {
         **metric,
@@ -231,6 +232,14 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
     )
     learned[BLUR_BASIS] = blur_basis(curves, SERIES)
     return {**learned, "limit": np.array(unit_limit(pixels))}
+
+
+def _textures(trainings: Sequence[JointTraining]) -> Sequence[JointTraining]:
+    """Sets whose quarters give the unit of distance: textures, or all sets if none is one."""
+    # Quarters of pictures differ more, so that other pictures would come within the limits: see
+    # "Uniformity" in classify/DECISIONS.md.
+    textures = [each for each in trainings if uniformity_of([each.unevenness]) != "no texture"]
+    return textures or trainings
 
 
 def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:

@@ -105,3 +105,18 @@ def test_a_library_knows_its_classes(stationary: Make) -> None:
     match = library.classify(picture)
     assert (match.label, match.class_uniformity) == ("picture", "no texture")
     assert TextureLibrary.train([("malv", stationary("malv"))], "polar").uniformity == {}
+
+
+def test_pictures_do_not_widen_the_unit_of_distance(stationary: Make) -> None:
+    textures = [(kind, stationary(kind, side=256)) for kind in ("sand", "malv")]
+    pictures = [
+        (f"picture {kind}", halves(surface, surface, contrast=0.25)) for kind, surface in textures
+    ]
+
+    def distance_in(surfaces: list[tuple[str, SurfaceEstimate]]) -> float:
+        """Distance from sand to malv in a library."""
+        return TextureLibrary.train(surfaces).distances(textures[0][1])["malv"]
+
+    assert distance_in(textures + pictures) == pytest.approx(distance_in(textures), rel=0.1)
+    # Without a texture the pictures themselves give the unit.
+    assert TextureLibrary.train(pictures).classify(pictures[0][1]).label == "picture sand"
