@@ -26,9 +26,9 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.ENOTSUP, errno.EOPNOTSUPP)
 
 @contextmanager
 def folder_lock(folder: Path, owner_file: str) -> Iterator[None]:
-    """Hold a lock, which the system releases when the program ends, on a folder; `owner_file` names
-    the holder to a second program, which is refused.
-    """
+    """Hold a lock on a folder during the block; a second program is refused."""
+    # The refusal quotes `owner_file`, which names the holder. The operating system releases the
+    # lock at the end of the program.
     owner_path = folder / owner_file
     try:
         release = _lock_folder(folder) if fcntl is not None else _lock_file(owner_path, 0.0)

@@ -33,9 +33,7 @@ class _TolerantFile(io.FileIO):
 
 
 class StandardStreams:
-    """Standard streams that discard output after a failed write or a closed stream, and whose
-    closed input is empty.
-    """
+    """Standard streams that discard what cannot be written, and whose closed input is empty."""
 
     def __init__(self) -> None:
         # Otherwise the next opened file would get the descriptor of a closed stream.
@@ -71,7 +69,7 @@ def _tolerant(descriptor: int, old: TextIO | None) -> tuple[_TolerantFile, TextI
 
 
 CRASH_STATUS = 70  # EX_SOFTWARE of sysexits.h
-# Enough for several reports of a fault, and at most 1.3 MB on the disk.
+# Number of log files, and length of each: at most 1.3 MB on the disk.
 _MAX_LOGS = 20
 _MAX_CHARACTERS = 2**16
 

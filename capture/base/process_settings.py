@@ -20,9 +20,8 @@ _SWITCH_S = 0.5e-3
 
 
 def settle_process() -> None:
-    """Keep freed memory, use one BLAS thread and switch threads after 0.5 ms, unless the
-    environment says otherwise; call it before numpy is imported.
-    """
+    """Set up memory and threads of the process; call it before numpy is imported."""
+    # Variables of the environment take precedence.
     # numba reads the variable as well, but prints a traceback if it is wrong or blank.
     if os.environ.get("NUMBA_NUM_THREADS", "").strip():
         thread_count()
@@ -51,13 +50,11 @@ def settle_process() -> None:
 
 
 def settle_station() -> None:
-    """Settle a station whose modules are loaded: no search of them for garbage (0.1 s), no waiting
-    threads of OpenCV, a processor for each that judges.
-    """
+    """Set up the process of a station; call it when all modules are loaded."""
     import cv2
 
-    gc.freeze()
-    # Threads of OpenCV wait in busy loops too, and take the processor from those that judge.
+    gc.freeze()  # a garbage collection that includes the modules takes 0.1 s
+    # Threads of OpenCV wait in busy loops too, and take processors from the threads that judge.
     cv2.setNumThreads(1)
     bind_workers()
 
@@ -66,9 +63,7 @@ _LOWEST_PRIORITY = 19
 
 
 def yield_processors() -> None:
-    """Compute only while no other process wants the processor; call it before the process starts
-    threads.
-    """
+    """Give way to all other processes; call it before the process starts threads."""
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, 0, _LOWEST_PRIORITY)
     if hasattr(os, "SCHED_IDLE"):  # gives way at once; the lowest priority goes on for up to 3 ms

@@ -11,18 +11,18 @@ from classify.base.errors import InputError
 
 from .local_pool import call_in_one_thread
 
-# Least number of submitted items, so that workers that join later find work. It costs little
-# memory, because an item is a path.
+# Minimum number of submitted items, for workers that join later. They take little memory, because
+# an item is a path.
 _MIN_IN_FLIGHT = 256
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 
 
-async def _greet(address: str, answer_s: float) -> None:
-    """Greet the scheduler and disconnect: a `Client` waits for ever for one that is silent, and its
-    thread, once failed, can stop the next.
-    """
+async def _check_scheduler(address: str, answer_s: float) -> None:
+    """Connect to the scheduler and disconnect."""
+    # A `Client` waits for ever for a server that does not answer, and the thread of a failed
+    # `Client` can stop the next one.
     from distributed.comm.core import connect
     from distributed.security import Security
 
@@ -32,11 +32,10 @@ async def _greet(address: str, answer_s: float) -> None:
 
 
 class DaskPool:
-    """A `_Pool` of a Dask scheduler's workers, which may join later; items of a dead worker run
-    again on another.
-    """
+    """A `_Pool` of the workers of a Dask scheduler, which may join later."""
 
-    # The scheduler itself counts failures, up to `distributed.scheduler.allowed-failures`.
+    # The scheduler itself gives the items of a dead worker to others, and counts the failures, up
+    # to `distributed.scheduler.allowed-failures`.
     attempts = 1
     workers = 1
 
@@ -51,9 +50,9 @@ class DaskPool:
         for name in ("distributed", "distributed.client"):
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
-            asyncio.run(_greet(address, answer_s))
+            asyncio.run(_check_scheduler(address, answer_s))
             self._client = Client(address, timeout=answer_s, set_as_default=False)
-        # Exception: Dask raises many kinds on the answers of a server of another kind.
+        # Exception: Dask raises many kinds of errors on the answers of other servers.
         except Exception as error:
             cause = str(error) or f"no greeting within {answer_s:g} s"
             raise InputError(
@@ -75,9 +74,9 @@ class DaskPool:
         for worker, answer in answers.items():
             # OSError: the worker has just left the cluster.
             if answer != version and not isinstance(answer, OSError):
-                theirs = f"ps4rig {answer}" if isinstance(answer, str) else "no ps4rig"
+                installed = f"ps4rig {answer}" if isinstance(answer, str) else "no ps4rig"
                 raise InputError(
-                    f"worker {worker} has {theirs}, this is ps4rig {version}; install the same "
+                    f"worker {worker} has {installed}, this is ps4rig {version}; install the same "
                     "version on all machines"
                 )
 

@@ -23,16 +23,16 @@ _Result = TypeVar("_Result")
 
 
 class LocalPool:
-    """A `_Pool` of processes of one thread each, which end with this one, even if killed, as its
-    pipe closes.
-    """
+    """A `_Pool` of processes of one thread each."""
+
+    # The workers end when their pipe from this process closes, even if this process was killed.
 
     attempts = 3
     death_types: tuple[type[Exception], ...] = (BrokenExecutor,)
 
     def __init__(self, workers: int) -> None:
         self.workers = workers
-        # So that the other workers have items while the first item in order takes long.
+        # The other workers need items while the first item in order takes long.
         self.in_flight = 4 * workers
         self._start()
 
@@ -71,9 +71,8 @@ class LocalPool:
 
 @contextmanager
 def _terminal_signals_blocked() -> Iterator[None]:
-    """Block a terminal's signals for workers and the resource tracker started in the block; this
-    process interrupts them itself.
-    """
+    """Block a terminal's signals for processes started in the block."""
+    # These are the workers, which this process ends itself, and the resource tracker.
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

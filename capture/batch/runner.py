@@ -15,8 +15,8 @@ from typing import Generic, Protocol, Self, TypeVar
 from classify.base.errors import InputError
 from classify.base.threads import usable_processors
 
-# A set of 512 x 512 px takes 10 ms here and 7 ms in two workers, which need 1.1 s to start. For so
-# many sets they start at once, while this process solves the first.
+# Number of sets from which the workers start at once, while this process solves the first set. A
+# set of 512 x 512 px takes 10 ms here and 7 ms in two workers, which need 1.1 s to start.
 _MANY_SETS = 200
 _FIRST_SET_S = 1e-9  # any set takes longer
 
@@ -29,7 +29,7 @@ class _Pool(Protocol):
 
     workers: int  # items that run at a time
     in_flight: int  # submitted items that keep the workers busy
-    attempts: int  # times that an item's worker may die before the item is given up
+    attempts: int  # number of workers that may die with an item before it raises InputError
     death_types: tuple[type[Exception], ...]  # exceptions of a future whose worker died
 
     def submit(self, function: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
@@ -83,9 +83,8 @@ class Batch:
         items: Iterable[_Item],
         local_function: Callable[[_Item], _Result] | None = None,
     ) -> Iterator[_Result]:
-        """Yield ``function(item)`` in order, reading `items` as workers need them; `local_function`
-        replaces it in this process, where progress can be shown.
-        """
+        """Yield ``function(item)`` in order, reading `items` as workers need them."""
+        # In this process, `local_function` is called instead, which can show progress.
         remaining = iter(items)
         for item in remaining:
             is_long = self._spent_s >= self._start_up_s
@@ -121,10 +120,10 @@ class _Job(Generic[_Item, _Result]):
 def _in_order(
     pool: _Pool, function: Callable[[_Item], _Result], items: Iterator[_Item]
 ) -> Iterator[_Result]:
-    """Yield the results in order; after a worker's death, run suspects one at a time."""
-    # The death of one worker ends all futures and does not tell which item killed it. Items start
-    # in order, so the running ones are among the first unfinished, one for each worker. An item
-    # that runs alone and kills its worker again is the cause.
+    """Yield the results in order; after a worker's death, run suspect items one at a time."""
+    # The death of one worker ends all futures, and the item that killed it is unknown. Items start
+    # in order, so the suspects are the first unfinished items, one for each worker. An item that
+    # runs alone and kills its worker again is the cause.
     jobs: deque[_Job[_Item, _Result]] = deque()
     suspect_count = 0
     while True:

@@ -24,9 +24,8 @@ def train_library(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> tuple[TextureLibrary, dict[str, int]]:
-    """Train a library from labelled sets, with paths relative to `folder` and their `calibration`
-    replaced if given; return it and its sets by class.
-    """
+    """Train a library from labelled sets; return it and the number of sets of each class."""
+    # The library stores paths relative to `folder`. A `calibration` replaces that of the sets.
     absolute = [path.absolute() for path in paths]
     calibration = None if calibration is None else calibration.absolute()
     for path in absolute:
@@ -90,14 +89,14 @@ def retrain_library(
     remedy = f"train a library with --classifier {classifier}"
     if not library.sources:
         raise LibraryError(f"{path}: does not name its training sets; {remedy}")
-    places = [path.absolute().parent / name for name, _ in library.sources]
-    for place, (_, pixels_sha256) in zip(places, library.sources, strict=True):
+    set_paths = [path.absolute().parent / name for name, _ in library.sources]
+    for set_path, (_, pixels_sha256) in zip(set_paths, library.sources, strict=True):
         try:
-            present_sha256 = read_header(place, method, calibration).pixels_sha256
+            present_sha256 = read_header(set_path, method, calibration).pixels_sha256
         except InputError as error:
             raise LibraryError(
                 f"{path}: one of its training sets cannot be read ({error}); {remedy}"
             ) from error
         if present_sha256 != pixels_sha256:
-            raise LibraryError(f"{path}: its training set {place} has changed since; {remedy}")
-    return train_library(places, path.parent, batch, classifier, method, calibration)[0]
+            raise LibraryError(f"{path}: its training set {set_path} has changed since; {remedy}")
+    return train_library(set_paths, path.parent, batch, classifier, method, calibration)[0]

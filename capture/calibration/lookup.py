@@ -43,13 +43,13 @@ def find_calibration(
 ) -> FoundCalibration | None:
     """Find the calibration of a set: `chosen`, or one of the `hashes` beside the file at `path`."""
     if chosen is not None:
-        place, file = chosen, read_calibration(chosen)
+        found_path, file = chosen, read_calibration(chosen)
     elif hashes:
-        place, file = _named(path, hashes, remedy)
+        found_path, file = _named(path, hashes, remedy)
     else:
         return None
     check_setting(file, setting, str(path))
-    return FoundCalibration(place, file, (*file.warnings(), *_age(file, created_utc)))
+    return FoundCalibration(found_path, file, (*file.warnings(), *_age(file, created_utc)))
 
 
 def check_setting(file: CalibrationFile, setting: Setting, owner: str) -> None:
@@ -102,17 +102,17 @@ def _hash_at(path: Path) -> str | None:
 
 def _named(path: Path, hashes: tuple[str, ...], remedy: str) -> tuple[Path, CalibrationFile]:
     """The calibration with one of these hashes."""
-    others: list[str] = []
+    rejected: list[str] = []
     for candidate in _candidates(path):
         try:
             file = read_calibration(candidate)
         except CalibrationError as error:
-            others.append(str(error))
+            rejected.append(str(error))
             continue
         if file.hash in hashes:
             return candidate, file
-        others.append(f"{candidate} is {file.hash[:_DIGITS]}")
-    candidates = f" ({'; '.join(others)})" if others else ""
+        rejected.append(f"{candidate} is {file.hash[:_DIGITS]}")
+    candidates = f" ({'; '.join(rejected)})" if rejected else ""
     raise CalibrationError(
         f"{path}: was captured with the calibration {hashes[0][:_DIGITS]}, which is neither beside "
         f"it nor in a folder {FOLDER}{candidates}; copy it there, or {remedy}"
@@ -121,9 +121,9 @@ def _named(path: Path, hashes: tuple[str, ...], remedy: str) -> tuple[Path, Cali
 
 def _candidates(path: Path) -> Iterator[Path]:
     folder = path.absolute().parent
-    for place in (folder, folder / FOLDER, folder.parent / FOLDER):
+    for searched in (folder, folder / FOLDER, folder.parent / FOLDER):
         yield from sorted(
-            candidate for candidate in place.glob(f"*{SUFFIX}") if candidate.is_file()
+            candidate for candidate in searched.glob(f"*{SUFFIX}") if candidate.is_file()
         )
 
 

@@ -203,7 +203,8 @@ def _triggered(
 
 @contextmanager
 def _changing(panel: Panel) -> Iterator[None]:
-    """Hold `Panel.changing`; clicks on a locked database must not keep all threads of the panel."""
+    """Hold `Panel.changing`, or raise ResultsUnavailable."""
+    # With the timeout, clicks while the database is locked leave threads for other requests.
     if not panel.changing.acquire(timeout=CHANGE_TIMEOUT_S):
         raise ResultsUnavailable("nothing was changed: another change waits for the database")
     try:
@@ -242,12 +243,14 @@ def _acknowledge_fault(call: ByOperator) -> dict[str, Any]:
 
 
 def newest_parts(
-    panel: Panel, selection: Selection, most: int, below: int | None
+    panel: Panel, selection: Selection, max_count: int, below: int | None
 ) -> tuple[list[HistoryEntry], int | None]:
-    """Return selected parts, the newest first, and ``below`` of the next page, None on the last."""
+    """Return selected parts, the newest first, and ``below`` of the next page."""
     selection = replace(selection, below_number=below)
-    entries = list(panel.results.store.parts(selection, newest=most + 1))[::-1]
-    return entries[:most], entries[most - 1].result.number if len(entries) > most else None
+    entries = list(panel.results.store.parts(selection, newest=max_count + 1))[::-1]
+    page = entries[:max_count]
+    is_last_page = len(entries) <= max_count
+    return page, None if is_last_page else page[-1].result.number
 
 
 @router.get("/parts", response_model=_Parts)
@@ -300,22 +303,22 @@ async def _part(
 
     loop = asyncio.get_running_loop()
     with subscribed(call.panel.live) as (subscription, changed):
-        ends_s, is_due = loop.time() + wait_s, True
+        deadline_s, must_read = loop.time() + wait_s, True
         while True:
             changed.clear()
             events, lost = subscription.take()
-            is_over = subscription.is_closed or loop.time() >= ends_s
-            # The database is not asked again for events of other parts.
-            is_told = lost > 0 or any(event.fields.get("part_id") == part_id for event in events)
-            if is_due or is_told or is_over:
+            is_over = subscription.is_closed or loop.time() >= deadline_s
+            # Events of other parts need no further query of the database.
+            has_event = lost > 0 or any(event.fields.get("part_id") == part_id for event in events)
+            if must_read or has_event or is_over:
                 try:
                     return JsonAnswer(await run_in_threadpool(record))
                 except Denied:
                     if is_over:
                         raise
-            is_due = False
+            must_read = False
             with suppress(TimeoutError):
-                await asyncio.wait_for(changed.wait(), max(ends_s - loop.time(), 0.0))
+                await asyncio.wait_for(changed.wait(), max(deadline_s - loop.time(), 0.0))
 
 
 @router.get("/parts/{part_id}/set", **media("image/tiff"))

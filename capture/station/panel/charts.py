@@ -25,7 +25,7 @@ MAX_SHARES = 10
 _MAX_NAMES = 6
 _HEIGHT_IN, _ROW_IN, _HEADING_IN = 2.6, 0.2, 0.42
 _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.75, 0.15, 0.28, 0.45
-# For the longest name of a cause or a measure, and for a count with its share.
+# Widths for the longest name of a cause or a measure, and for a count with its share.
 _NAMES_IN, _NUMBERS_IN = 1.3, 0.8
 _PNG_WIDTH_PX = 960
 # Those of `static/panel.css` in a light room; `statistics.css` inverts them in a dark one.
@@ -82,16 +82,16 @@ def yield_chart(periods: Sequence[Period]) -> Chart:
 
 def _draw_yield(axes: Axes, periods: Sequence[Period]) -> None:
     count = len(periods)
-    width, below = min(0.8, 0.14 * count), [0] * count
+    width, heights = min(0.8, 0.14 * count), [0] * count
     for decision, colour in _DECISION_COLOURS.items():
         parts = [period.verdicts.get(decision, 0) for period in periods]
-        axes.bar(range(count), parts, width, below, color=colour, label=str(decision))
-        below = [period + more for period, more in zip(below, parts, strict=True)]
+        axes.bar(range(count), parts, width, heights, color=colour, label=str(decision))
+        heights = [height + added for height, added in zip(heights, parts, strict=True)]
     if count <= MAX_SHARES:
-        for place, period in enumerate(periods):
+        for x, period in enumerate(periods):
             share = f"{period.verdicts.get(Decision.PASS, 0) / period.parts:.0%}"
-            axes.text(place, period.parts, share, ha="center", va="bottom", fontsize=LETTERS_PT)
-    axes.set_ylim(0.0, 1.08 * max(below))
+            axes.text(x, period.parts, share, ha="center", va="bottom", fontsize=LETTERS_PT)
+    axes.set_ylim(0.0, 1.08 * max(heights))
     axes.locator_params(axis="y", nbins=5, integer=True)  # no halves of parts
     axes.set_xlim(-0.5, count - 0.5)
     axes.grid(visible=False, axis="x")
@@ -100,9 +100,9 @@ def _draw_yield(axes: Axes, periods: Sequence[Period]) -> None:
 
 
 def _name_below(axes: Axes, names: Sequence[str]) -> None:
-    """Name places 0, 1, 2 ... as far as there is room."""
+    """Label x = 0, 1, 2 ... with at most `_MAX_NAMES` of the names."""
     shown = range(0, len(names), -(-len(names) // _MAX_NAMES))
-    axes.set_xticks(shown, [names[place] for place in shown])
+    axes.set_xticks(shown, [names[x] for x in shown])
 
 
 def _legend_above(axes: Axes) -> None:
@@ -148,9 +148,7 @@ def _label_rows(axes: Axes, names: Sequence[str], numbers: Sequence[str]) -> Non
 
 
 def control_chart(history: ChartHistory, about: str, *, is_share: bool) -> Chart:
-    """Draw a control chart, shares in percent: points, mean and limits of the baseline, broken
-    rules.
-    """
+    """Draw points, mean and limits of the baseline, and points that break a rule."""
     return Chart(about, partial(_draw_control, history=history, is_share=is_share))
 
 
@@ -166,7 +164,7 @@ def _draw_control(axes: Axes, history: ChartHistory, is_share: bool) -> None:
         if value is not None:
             axes.axhline(value, color=colour, linestyle=style, linewidth=1.2)
     axes.plot([point.value for point in points], color=_BLUE, linewidth=1.2)
-    broken = [(place, point.value) for place, point in enumerate(points) if point.broken]
+    broken = [(x, point.value) for x, point in enumerate(points) if point.broken]
     if broken:
         axes.plot(*zip(*broken, strict=True), "o", color=_ALARM, markersize=4)
     axes.set_xlim(-0.5, max(len(points), 2) - 0.5)
@@ -191,13 +189,14 @@ def gauge_chart(report: GaugeReport) -> Chart:
 
 def _draw_gauge(axes: Axes, report: GaugeReport) -> None:
     rated = (report.effectiveness, report.misses, report.false_alarms)
-    shares, bounds = [each.share or 0.0 for each in rated], [each.bound for each in rated]
+    shares, bounds = [figure.share or 0.0 for figure in rated], [figure.bound for figure in rated]
     rows = range(len(rated))
     axes.barh(rows, shares, 0.5, color=_BLUE, label="found")
     axes.hlines(rows, shares, bounds, _GREY, ":", label="to its bound")
     axes.plot(ACCEPTABLE, rows, "|", color=_ALARM, ms=16, mew=2, label="acceptable", clip_on=False)
     numbers = [
-        "no trials" if each.share is None else f"{each.events} of {each.trials}" for each in rated
+        "no trials" if figure.share is None else f"{figure.events} of {figure.trials}"
+        for figure in rated
     ]
     _label_rows(axes, ["effectiveness", "misses", "false alarms"], numbers)
     _legend_above(axes)

@@ -76,7 +76,7 @@ class Filters(StatisticsFilters):
         return replace(super().selection, decision=decision, part_of_id=self.part or None)
 
 
-FILTERS = {about.alias or name: about.description for name, about in Filters.model_fields.items()}
+FILTERS = {field.alias or name: field.description for name, field in Filters.model_fields.items()}
 _OF_ONE_PART, _TIMES = ("verdict", "part"), {"since", "until"}
 
 
@@ -99,7 +99,7 @@ class FilterForm:
         """Return the form of a page."""
         given = {name: value for name in FILTERS if (value := call.request.query_params.get(name))}
         for name in _TIMES & given.keys():
-            with suppress(InputError):  # of which `selection_of` tells
+            with suppress(InputError):  # `selection_of` raises it again
                 given[name] = utc_bound(name, given[name], is_end=name == "until", is_local=True)
         default = "only" if call.panel.live.snapshot().simulated else "false"
         return cls({"simulated": default} | given, choices)

@@ -104,15 +104,16 @@ def without_login(request: Request) -> Denied:
         return Denied(401, "log in, or send a token", {"WWW-Authenticate": "Bearer"})
     if request.method != "GET":
         return Denied(401, "nothing was changed: the session is over; log in again")
-    place = quote(request.url.path, safe="")
-    return Denied(303, "log in", {"Location": f"/login?next={place}"})
+    path = quote(request.url.path, safe="")
+    return Denied(303, "log in", {"Location": f"/login?next={path}"})
 
 
 def _require_known(request: Request, body: bytes) -> None:
-    """Refuse what the call does not know: with a misspelled filter, a list has other parts."""
+    """Refuse parameters and bodies that the API does not have, such as a misspelled filter."""
     paths = request.app.state.description["paths"]
     operation = paths[request.scope["route"].path][request.method.lower()]
-    known = [each["name"] for each in operation.get("parameters", []) if each["in"] == "query"]
+    parameters = operation.get("parameters", [])
+    known = [parameter["name"] for parameter in parameters if parameter["in"] == "query"]
     given = [name for name, _ in request.query_params.multi_items()]
     for name in given:
         if name not in known:

@@ -20,15 +20,15 @@ _LOCAL_PATH = re.compile(r"/(?![/\\])[A-Za-z0-9/._-]*")
 @router.get("/login")
 def _form(call: ByAnybody, next: str = "/") -> Response:  # noqa: A002 - a name of the query
     """The login form."""
-    return _page(call, _place(next))
+    return _page(call, _local_path(next))
 
 
-def _page(call: Call, place: str, message: str = "") -> Response:
+def _page(call: Call, next_path: str, message: str = "") -> Response:
     return page(
         call,
         "login.html",
         401 if message else 200,
-        next=place,
+        next=next_path,
         kiosk=_is_screen(call) and call.panel.users.get(KIOSK) is not None,
         message=message,
     )
@@ -42,16 +42,17 @@ def _login(call: ByAnybody) -> Response:
     is_allowed = _is_screen(call) if pin else name != KIOSK
     with call.panel.logins.attempt(name, address):
         user = call.panel.users.verified(name if is_allowed else "", password)
-    place = _place(call.text("next", "/"))
+    next_path = _local_path(call.text("next", "/"))
     if user is None:
         further = call.panel.logins.unrecorded()
         if further is not None:
             via = "kiosk" if pin else "page"
             with suppress(ResultsUnavailable):  # the answer is the same in any case
                 call.panel.changes.record_failed_login(name, address, via, further)
-        return _page(call, place, "The PIN is wrong." if pin else "Name or password is wrong.")
+        message = "The PIN is wrong." if pin else "Name or password is wrong."
+        return _page(call, next_path, message)
     call.panel.logins.succeeded(name, address)
-    answer = RedirectResponse(place, 303)
+    answer = RedirectResponse(next_path, 303)
     answer.set_cookie(
         session_cookie(call.panel),
         call.panel.sessions.begin(user),
@@ -82,5 +83,5 @@ def _is_screen(call: Call) -> bool:
     return address_of(call) in map(str, call.panel.settings.kiosk_addresses)
 
 
-def _place(text: str) -> str:
+def _local_path(text: str) -> str:
     return text if _LOCAL_PATH.fullmatch(text) else "/"

@@ -25,9 +25,9 @@ from .part_pictures.picture_maker import PartPictures
 from .render import JsonAnswer
 from .security import Denied
 
-# Browsers keep pictures, and ask each time whether they may still show them.
+# Browsers cache pictures, and revalidate them before each use.
 _CACHE_CONTROL = "private, no-cache"
-# A part takes a tenth of a second, and up to `MAX_WAITING` wait before it.
+# The pictures of a part take 0.1 s, and up to `picture_maker.MAX_WAITING` parts wait before it.
 MAX_WAIT_S = 30.0
 _Size = Annotated[
     Literal["small", "large"],
@@ -129,14 +129,14 @@ async def _made(call: Call, entry: HistoryEntry, size: str) -> PartPictures:
 
     def request() -> Future[PartPictures] | None:
         path = stored_set(call.panel.folder, entry)
-        return call.panel.pictures.ask(entry.result, path, size)
+        return call.panel.pictures.request(entry.result, path, size)
 
     future = await run_in_threadpool(request)
     if future is None:
         text = f"{part}: too many parts wait for pictures"
         raise Denied(503, text, {"Retry-After": "2"})
     pictures = asyncio.wrap_future(future)
-    # asyncio logs an exception that nobody retrieves: all requests may have ended.
+    # asyncio logs an exception that nobody retrieves, for example after all requests have ended.
     pictures.add_done_callback(lambda pictures: pictures.cancelled() or pictures.exception())
     # Shielded, because others may wait for the same pictures.
     try:

@@ -12,11 +12,11 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-# The largest form, the settings of a recipe with a reason, has 4 kB.
+# Size of a request's body. The largest form, the settings of a recipe with a reason, has 4 kB.
 MAX_BODY_BYTES = 64 * 1024
-# A body of 64 kB takes a tenth of a second at 5 Mbit/s.
+# Time for a body to arrive. 64 kB take 0.1 s at 5 Mbit/s.
 BODY_S = 5.0
-# Each of 100 textures has ten settings.
+# Number of fields of a form: 100 textures with ten settings each, and the other settings.
 MAX_FIELDS = 1200
 STATIC_PATH = "/static"
 
@@ -61,21 +61,19 @@ class Slots:
 
 @dataclass(frozen=True)
 class HostRule:
-    """Host names, and the address that it came to, by which the panel may be requested, against DNS
-    rebinding.
-    """
+    """Values of the header Host with which requests are served, against DNS rebinding."""
 
     names: frozenset[str]  # from ``station.toml``, in lower case
 
     def accepts(self, host_header: str, server_address: str) -> bool:
-        """Whether a request with this header, that came to this address, may be served."""
+        """Whether a request with this header, received at this address, may be served."""
         try:
             host = urlsplit(f"//{host_header}").hostname
         except ValueError:
             return False
         if host is None or "@" in host_header or "/" in host_header:
             return False
-        # A socket for all addresses, "::", gives those of IPv4 in this form.
+        # A socket for all addresses, "::", gives IPv4 addresses with this prefix.
         server_address = server_address.removeprefix("::ffff:")
         is_loopback = server_address in ("127.0.0.1", "::1")
         return (
@@ -128,9 +126,9 @@ class SecureHeaders:
 
 
 class BodyLimit:
-    """Refuses bodies above `MAX_BODY_BYTES` or slower than `BODY_S`, but of a GET, whose stream
-    must see its client leave.
-    """
+    """Refuses bodies above `MAX_BODY_BYTES` or slower than `BODY_S`."""
+
+    # Bodies of GET are not limited: an event stream reads on to notice that its client has left.
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app
@@ -143,7 +141,7 @@ class BodyLimit:
         too_large = Denied(413, f"the body has more than {MAX_BODY_BYTES} bytes", closing)
         length = dict(scope["headers"]).get(b"content-length", b"0")
         declared = MAX_BODY_BYTES + 1 if len(length) > 10 else int(length)
-        ends_s, is_complete, count = asyncio.get_running_loop().time() + BODY_S, False, 0
+        deadline_s, is_complete, count = asyncio.get_running_loop().time() + BODY_S, False, 0
 
         async def receive_limited() -> Message:
             nonlocal count, is_complete
@@ -152,7 +150,7 @@ class BodyLimit:
             if declared > MAX_BODY_BYTES:
                 raise too_large
             try:
-                async with asyncio.timeout_at(ends_s):
+                async with asyncio.timeout_at(deadline_s):
                     message = await receive()
             except TimeoutError:
                 raise Denied(408, f"the body took longer than {BODY_S:g} s", closing) from None

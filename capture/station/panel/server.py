@@ -17,14 +17,15 @@ from .app import panel_app
 from .listening import SEND_S, panel_address, panel_listener, tls_context
 from .panel import Panel
 
-# A page opens up to six connections; forty browsers may look at once.
+# Enough for forty browsers: a page opens up to six connections.
 MAX_CONNECTIONS = 256
-# Four addresses can take all. A proxy has one address, and a limit of its own.
+# Four addresses can take all connections. Connections of a proxy are not limited by their address.
 MAX_CONNECTIONS_OF_AN_ADDRESS = 64
-# A refused connection is held for so long, and up to so many of them: a client that tries again at
-# once would keep a processor busy.
+# Time for which a refused connection stays open, and number of such connections. Closed at once, a
+# client that tries again at once would keep a processor busy.
 REFUSED_S, _MAX_REFUSED = 2.0, 512
-# The head of a request takes one packet. What is slower holds a connection that others need.
+# Time for the head of a request to arrive, which takes one packet. A slower client would occupy a
+# connection that others need.
 HEAD_S = 10.0
 _MAX_HEAD_BYTES = 16 * 1024
 _KEEP_ALIVE_S = 15
@@ -35,8 +36,8 @@ _START_POLL_S = 0.01
 class _Protocol(H11Protocol):
     """HTTP/1.1 with limits of connections, and deadlines for heads and for slow readers."""
 
-    _request: asyncio.TimerHandle | None = None
-    _drain: asyncio.TimerHandle | None = None
+    _request_timer: asyncio.TimerHandle | None = None
+    _send_timer: asyncio.TimerHandle | None = None
     _is_refused = False
 
     def connection_made(self, transport: Any) -> None:
@@ -49,16 +50,16 @@ class _Protocol(H11Protocol):
         self._expect_request()
 
     def _refuse(self, refused_before: int) -> None:
-        """Close the connection after a pause, in which nothing of it is read."""
+        """Close the connection after `REFUSED_S`, without reading from it."""
         if refused_before >= _MAX_REFUSED:
             self.transport.abort()
             return
         self._is_refused = True
         self.transport.pause_reading()
-        self._request = self.loop.call_later(REFUSED_S, self.transport.abort)
+        self._request_timer = self.loop.call_later(REFUSED_S, self.transport.abort)
 
     def _is_one_too_many(self, served: list["_Protocol"]) -> bool:
-        """Whether the address of this connection has too many."""
+        """Whether the address of this connection has too many connections."""
         if self.config.proxy_headers or self.client is None:
             return False
         clients = [peer.client for peer in served]
@@ -68,7 +69,7 @@ class _Protocol(H11Protocol):
         )
 
     def connection_lost(self, exc: Exception | None) -> None:
-        for timer in (self._request, self._drain):
+        for timer in (self._request_timer, self._send_timer):
             if timer is not None:
                 timer.cancel()
         super().connection_lost(exc)
@@ -92,24 +93,24 @@ class _Protocol(H11Protocol):
 
     def pause_writing(self) -> None:
         super().pause_writing()
-        self._drain = self.loop.call_later(SEND_S, self.transport.abort)
+        self._send_timer = self.loop.call_later(SEND_S, self.transport.abort)
 
     def resume_writing(self) -> None:
         super().resume_writing()
-        if self._drain is not None:
-            self._drain.cancel()
+        if self._send_timer is not None:
+            self._send_timer.cancel()
 
     def _expect_request(self) -> None:
-        """Close the connection unless the head of another request is complete in time."""
+        """Close the connection unless the head of a request is complete within `HEAD_S`."""
         before = self.cycle
 
         def close_if_late() -> None:
             if self.cycle is before:
                 self.transport.abort()
 
-        if self._request is not None:
-            self._request.cancel()
-        self._request = self.loop.call_later(HEAD_S, close_if_late)
+        if self._request_timer is not None:
+            self._request_timer.cancel()
+        self._request_timer = self.loop.call_later(HEAD_S, close_if_late)
 
 
 @contextmanager
@@ -119,8 +120,8 @@ def serving_panel(
     ended: Callable[[], None] = lambda: None,
 ) -> Iterator[str]:
     """Serve a panel while the block runs; yield its address."""
-    # `listener` is the socket of a run, None for an own one; `ended` is called in another thread
-    # when the server has ended.
+    # Without a `listener`, this opens the socket. `ended` is called in the server's thread when the
+    # server has ended.
     settings = panel.settings
     tls = tls_context(panel.folder.path, settings)
     listener = listener or panel_listener(panel.folder.path, settings)
@@ -133,7 +134,7 @@ def serving_panel(
         access_log=False,
         server_header=False,
         date_header=True,
-        # A proxy on this machine may say for whom it asks, nobody else.
+        # Only a proxy on this machine may name the address of the client.
         proxy_headers=settings.behind_proxy,
         forwarded_allow_ips=["127.0.0.1", "::1"],
         h11_max_incomplete_event_size=_MAX_HEAD_BYTES,

@@ -22,15 +22,15 @@ from classify.base.models import Section
 
 from .security import Denied, Slots
 
-# A session ends with the shift, and after a break without a request.
+# A session ends at the latest after a shift, or after this time without a request.
 MAX_SESSION_S = 12 * 3600.0
 IDLE_S = 3600.0
-# A hundred browsers with ten sessions each; beyond it, the least recently used session ends.
+# A hundred browsers with ten sessions each. One more ends the least recently used session.
 MAX_SESSIONS = 1000
-# Ended sessions that are stored; so many take half of the size limit of a private file.
+# Number of ended sessions that are stored. They take half of the size limit of a private file.
 _MAX_ENDED_SESSIONS = 10_000
-# OWASP's advice for logins: few failures in a row, then a pause. A name and an address are counted
-# apart, so that neither one password for many names nor many passwords for one name can be tried.
+# Failed logins before a pause, as OWASP advises. The limit for a name stops trying many passwords
+# for it, and the limit for an address stops trying one password for many names.
 FAILURES_OF_A_NAME, FAILURES_OF_AN_ADDRESS = 5, 20
 _PAUSE_S = 60.0
 # Logins at a time. Their passwords are hashed one after the other, and each login occupies one of
@@ -40,7 +40,7 @@ _MAX_KEYS = 10_000  # with a count or a lock; bounds the memory
 # Names are counted by their first letters, because long names of requests could take 1 GB. The
 # names of users have up to 100 letters, so a longer name is never counted as one of them.
 _COUNTED_LETTERS = 101
-# Failed logins that get a row in the log of changes: at most so many in this time.
+# Number of failed logins that get a row in the log of changes, in each period of this length.
 _MAX_RECORDED, _RECORDED_S = 100, 3600.0
 _Key = tuple[str, str, str]  # ``name``, ``address`` or ``both``; the name, the address
 _T = TypeVar("_T")
@@ -80,18 +80,18 @@ class Sessions:
         file, now_s, content = self._file.read(), self._now_s(), self._content(cookie)
         if content is None:
             return None
-        session, name, password, begun_s = content
+        session, name, password, begin_s = content
         user = self._users.get(name)
         if (
             user is None
             or password != _signature(file.key, "password", user.password)
             or session in file.ended
-            or abs(now_s - begun_s) > MAX_SESSION_S
+            or abs(now_s - begin_s) > MAX_SESSION_S
         ):
             return None
         with self._lock:
-            # Last requests before a restart are unknown: the start of the panel counts as one.
-            default_s = self._started_s if begun_s <= self._started_s else -math.inf
+            # The requests before a restart are unknown. The start of the panel counts as one.
+            default_s = self._started_s if begin_s <= self._started_s else -math.inf
             if now_s - self._used_s.get(session, default_s) > IDLE_S:
                 return None
             self._mark_used(session, now_s)
@@ -103,13 +103,13 @@ class Sessions:
         content = self._content(cookie)
         if content is None:
             return
-        session, _, _, begun_s = content
+        session, _, _, begin_s = content
         with self._file.changing():
             file, now_s = self._file.read(), self._now_s()
             ended = {
-                ended_session: start_s
-                for ended_session, start_s in (*file.ended.items(), (session, begun_s))
-                if now_s - start_s <= MAX_SESSION_S
+                ended_session: ended_begin_s
+                for ended_session, ended_begin_s in (*file.ended.items(), (session, begin_s))
+                if now_s - ended_begin_s <= MAX_SESSION_S
             }
             newest = dict(list(ended.items())[-_MAX_ENDED_SESSIONS:])
             self._file.write(_File(key=file.key, ended=newest))
@@ -139,9 +139,10 @@ def _signature(key: str, purpose: str, text: str) -> str:
 
 
 class LoginLimit:
-    """Thread-safe lock of names and addresses after failed logins, with a count for an address
-    where a name has logged in: others cannot shut it out.
-    """
+    """Locks names and addresses after failed logins; thread-safe."""
+
+    # A name at an address where it has logged in has a count of its own. Failed logins from other
+    # addresses cannot lock it there.
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
@@ -169,9 +170,8 @@ class LoginLimit:
             yield
 
     def begin(self, name: str, address: str) -> float:
-        """Count an attempt as failed before the password is tried, against simultaneous ones;
-        return the wait in s, or 0.
-        """
+        """Count an attempt as failed, or return the time until the next one is allowed, in s."""
+        # Counted before its password is checked, so that simultaneous attempts are limited too.
         now_s = self._now_s()
         with self._lock:
             limits = self._limits(name, address)
@@ -182,10 +182,10 @@ class LoginLimit:
                 count, last_s = self._failures.pop(key, (0, now_s))
                 count = 1 if now_s - last_s > _PAUSE_S else count + 1
                 if count < allowed:
-                    _keep(self._failures, key, (count, now_s))
+                    _put_newest(self._failures, key, (count, now_s))
                 else:
                     self._locked_until_s.pop(key, None)
-                    _keep(self._locked_until_s, key, now_s + _PAUSE_S)
+                    _put_newest(self._locked_until_s, key, now_s + _PAUSE_S)
             return 0.0
 
     def succeeded(self, name: str, address: str) -> None:
@@ -196,12 +196,13 @@ class LoginLimit:
                 # An attempt that locked the key has removed its count, which was `allowed`.
                 count, last_s = self._failures.pop(key, (allowed if was_locked else 1, 0.0))
                 if key[0] == "address" and count > 1:
-                    _keep(self._failures, key, (count - 1, self._now_s() if was_locked else last_s))
+                    last_s = self._now_s() if was_locked else last_s
+                    _put_newest(self._failures, key, (count - 1, last_s))
             self._logged_in.pop(("both", name, address), None)
-            _keep(self._logged_in, ("both", name, address), None)
+            _put_newest(self._logged_in, ("both", name, address), None)
 
     def unrecorded(self) -> int | None:
-        """Return and reset the number of failures without a row; None if this one gets none."""
+        """Return the failures since the last row and reset them; None if this one gets no row."""
         now_s = self._now_s()
         with self._lock:
             is_full = len(self._recorded_s) == _MAX_RECORDED
@@ -224,7 +225,7 @@ class LoginLimit:
         }
 
 
-def _keep(values: dict[_Key, _T], key: _Key, value: _T) -> None:
+def _put_newest(values: dict[_Key, _T], key: _Key, value: _T) -> None:
     """Add a value as the newest one, and forget the oldest beyond `_MAX_KEYS`."""
     values[key] = value
     while len(values) > _MAX_KEYS:

@@ -27,11 +27,11 @@ from classify.base.errors import InputError
 
 NO_RUN = "no connection to the run"
 _RECONNECT_S = 0.2
-# Interval of looking whether the client of a trigger is still there.
-_WITHDRAWN_S = 0.05
-# For the last events of a run that ends.
-_LAST_S = 1.0
-# A snapshot has the results of 13 parts, each with its defects.
+# Interval of checks whether the client of a trigger has left.
+_WITHDRAWN_POLL_S = 0.05
+# Time that `close` waits for the last events of a run that ends.
+_LAST_EVENTS_S = 1.0
+# Length of a line. The longest, a snapshot, has the results of 13 parts, each with its defects.
 _MAX_LINE_BYTES = 1 << 24
 _log = logging.getLogger(__name__)
 
@@ -60,25 +60,25 @@ class StationLink(LiveView):
         self._thread.start()
 
     def close(self) -> None:
-        """Take the last events of a run that ends, and end all subscriptions."""
+        """Wait for the last events of a run that ends, and end all subscriptions."""
         self._ending.set()
         with self._sending, suppress(OSError):
             if self._connection is not None:
                 self._connection.shutdown(socket.SHUT_WR)  # the run closes it after its last event
-        self._thread.join(_LAST_S)
+        self._thread.join(_LAST_EVENTS_S)
         super().close()
 
     def submit(self, trigger: Trigger) -> Answer:
         """Pass a trigger to the station, or raise RunUnavailable."""
         given, is_withdrawn = TRIGGER.dump_python(trigger), trigger.is_withdrawn
-        value = self._ask("submit", given, is_withdrawn=is_withdrawn).value
+        value = self._call_run("submit", given, is_withdrawn=is_withdrawn).value
         if not isinstance(value, Answer):
             raise RunUnavailable("the run has an unforeseen error; see its log")
         return value
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Let the station load a recipe; return when it judges all parts triggered from then on."""
-        reply = self._ask("load_recipe", name, by)
+        """Let the station load a recipe; all parts triggered after the return are judged by it."""
+        reply = self._call_run("load_recipe", name, by)
         if reply.refused is not None:
             raise RecipeRefused(reply.reason, reply.refused)
         assert isinstance(reply.value, RecipeLoaded)
@@ -86,32 +86,32 @@ class StationLink(LiveView):
 
     def acknowledge(self, part_id: str | None, by: str) -> bool:
         """Record that somebody has seen a rejected part, or the fault that stops the line."""
-        return self._ask("acknowledge", part_id, by).value is True
+        return self._call_run("acknowledge", part_id, by).value is True
 
     def append(self, table: str, rows: list[dict[str, Any]], of_part: str | None) -> bool:
-        """Let the run append rows, because a stopped panel would hold the lock; ResultsUnavailable
-        on failure, False without a run.
-        """
+        """Let the run append rows, or raise ResultsUnavailable; return False without a run."""
+        # A panel that is stopped while it appends would keep the lock of the database.
         try:
-            reply = self._ask("append", table, rows, of_part)
+            reply = self._call_run("append", table, rows, of_part)
         except RunUnavailable:
             return False
         if reply.value is not True:
             raise ResultsUnavailable(reply.reason)
         return True
 
-    def announce(self, about: Mapping[str, Any]) -> None:
-        """Tell all subscribers of something that the panel did; without a run there are none."""
+    def announce(self, fields: Mapping[str, Any]) -> None:
+        """Send an event of the panel to all subscribers; without a run there are none."""
         with suppress(RunUnavailable):
-            self._ask("announce", about)
+            self._call_run("announce", fields)
 
-    def _ask(
+    def _call_run(
         self, call: str, *arguments: Any, is_withdrawn: Callable[[], bool] = lambda: False
     ) -> Reply:
+        """Send a call to the run and wait for its reply, or for its withdrawal."""
         number, reply = self._send(call, *arguments)
         while not is_withdrawn():
             with suppress(TimeoutError):
-                return reply.result(_WITHDRAWN_S)
+                return reply.result(_WITHDRAWN_POLL_S)
         self._send("withdraw", number)
         return reply.result()
 
@@ -149,7 +149,7 @@ class StationLink(LiveView):
         try:
             with connection.makefile("rb") as lines:
                 while (line := lines.readline(_MAX_LINE_BYTES)).endswith(b"\n"):
-                    self._take(json.loads(line), connection)
+                    self._handle(json.loads(line), connection)
         finally:
             with self._sending:
                 self._connection = None
@@ -160,11 +160,11 @@ class StationLink(LiveView):
                 shown = replace(self._state, inspected=None, rejected=())
                 self.begin(replace(shown, state=State.PREOPERATIONAL, reason=NO_RUN))
 
-    def _take(self, line: dict[str, Any], connection: socket.socket) -> None:
+    def _handle(self, line: dict[str, Any], connection: socket.socket) -> None:
         match line:
             case {"snapshot": snapshot}:
                 state = STATE.validate_python(snapshot)
-                # First: whoever sees the state may send a request at once.
+                # Before `begin`: a subscriber to the state may send a request at once.
                 with self._sending:
                     self._connection = connection
                     if self._ending.is_set():  # `close` found no connection to end

@@ -13,10 +13,12 @@ from .security import Denied, Slots
 from .station_link import StationLink
 
 MAX_KEY_LENGTH = 200
-# A client repeats a request within seconds; a line makes a thousand parts in a quarter of an hour.
-_KEPT_KEYS = 1000
+# Number of keys in memory. A line triggers so many parts in a quarter of an hour, and a client
+# repeats a request within seconds.
+_MAX_KEYS = 1000
 _DIGITS = 20
-# Each may wait for a database that does not answer, in one of the 40 threads that serve requests.
+# Number of triggers that may wait for a database that does not answer. Each occupies one of the 40
+# threads that serve requests.
 MAX_WAITING = 8
 
 
@@ -66,7 +68,7 @@ class KeyedTriggers:
             # A refused trigger may be sent again with its key.
             if isinstance(answer, Accepted):
                 self._accepted[key] = answer, part_id, recipe
-                if len(self._accepted) > _KEPT_KEYS:
+                if len(self._accepted) > _MAX_KEYS:
                     self._accepted.popitem(last=False)
             return answer
 

@@ -42,24 +42,24 @@ def judged_by(folder: StationFolder, result: PartResult) -> JudgedBy:
     return _judged_by(files, recipe.version, recipe.sha256, result.label or result.nearest)
 
 
-# A station runs one recipe at a time; people look at parts of the one before, too.
+# A station runs one recipe at a time. People also look at parts of earlier recipes.
 @lru_cache(maxsize=4)
 def _judged_by(files: RecipeFolder, version: int, sha256: str, texture: str | None) -> JudgedBy:
     recipe = _recipe(files, version, sha256)
-    made = files.version(version)
-    taught = read_taught(made.taught)
+    version_files = files.version(version)
+    taught = read_taught(version_files.taught)
     if taught.sha256 != recipe.taught:
-        raise RecipeError(f"{made.taught}: was changed since the part was judged")
+        raise RecipeError(f"{version_files.taught}: was changed since the part was judged")
     model = None
     if texture is not None and texture in recipe.passes:
-        model = models_of(made, recipe, taught, texture).defects
-    return JudgedBy(recipe, TextureLibrary.load(made.library).method, model)
+        model = models_of(version_files, recipe, taught, texture).defects
+    return JudgedBy(recipe, TextureLibrary.load(version_files.library).method, model)
 
 
 def _recipe(files: RecipeFolder, version: int, sha256: str) -> Recipe:
     """The recipe with a hash: a copy that was approved, or the present one."""
-    places: tuple[Path, ...] = (files.version(version).approved(sha256), files.file)
-    for path in places:
+    paths: tuple[Path, ...] = (files.version(version).approved(sha256), files.file)
+    for path in paths:
         try:
             recipe = read_toml_as(path, Recipe, "no such recipe")
         except InputError:

@@ -19,10 +19,10 @@ SIZES = {"small": 384, "large": 2 * pictures.PICTURE_PX}
 """Longer side of pictures, in px."""
 
 _JPEG, _PNG = "image/jpeg", "image/png"
-# As `capture.session.live_view`: bright on dark is visible on any background.
-_LINE, _UNDER = (255, 212, 0), (0, 0, 0)
+# As in `capture.session.live_view`, a bright line on a wider dark one is visible on any background.
+_LINE, _DARK_LINE = (255, 212, 0), (0, 0, 0)
 _REGION_LINE = (120, 190, 255)
-# A score of twice the limit has the last colour.
+# Score, in units of the recipe's limit, that has the last colour.
 _TOP_SCORE = 2.0
 _NO_SCORE = (128, 128, 128)
 _LEVELS_12_BIT = 4095
@@ -95,25 +95,26 @@ def _outlined(picture: Picture, view: PartView) -> Picture:
         right, bottom = region.x + region.width - 1, region.y + region.height - 1
         border = [(region.x, region.y), (right, region.y), (right, bottom), (region.x, bottom)]
         lines.append((np.array(border), _REGION_LINE))
-    for width_px, is_under in ((4, True), (2, False)):
+    for width_px, is_dark in ((4, True), (2, False)):
         for corners, colour in lines:
             scaled = np.rint((corners + 0.5) * scale - 0.5).astype(np.int32)
             cv2.polylines(
-                drawn, [scaled], True, _UNDER if is_under else colour, width_px, cv2.LINE_AA
+                drawn, [scaled], True, _DARK_LINE if is_dark else colour, width_px, cv2.LINE_AA
             )
     return drawn
 
 
 def _score_picture(score: FloatMap, longest_px: int) -> Picture:
-    known = np.isfinite(score)
-    values = pictures.reduced(np.where(known, score, 0.0), cv2.INTER_NEAREST, longest_px)
+    is_scored = np.isfinite(score)
+    values = pictures.reduced(np.where(is_scored, score, 0.0), cv2.INTER_NEAREST, longest_px)
     picture = ColourScale(0.0, _TOP_SCORE, _cividis()).paint(values)
-    picture[pictures.reduced(~known * np.uint8(1), cv2.INTER_NEAREST, longest_px) > 0] = _NO_SCORE
+    unscored = pictures.reduced(~is_scored * np.uint8(1), cv2.INTER_NEAREST, longest_px) > 0
+    picture[unscored] = _NO_SCORE
     return picture
 
 
 def _cividis() -> Picture:
-    """256 colours that people with any colour vision see in one order."""
+    """The 256 colours of the map cividis, for people with any colour vision."""
     levels = np.arange(256, dtype=np.uint8)[:, None]
     colours: Picture = cv2.cvtColor(
         cv2.applyColorMap(levels, cv2.COLORMAP_CIVIDIS), cv2.COLOR_BGR2RGB

@@ -26,9 +26,9 @@ Outline = tuple[tuple[int, int], ...]
 
 @dataclass(frozen=True, eq=False)
 class PartView:
-    """The solved surface of a stored part in maps of its shape, outside the judged region 0, and
-    NaN in `score`.
-    """
+    """The solved surface of a stored part, in maps of the shape of its frame."""
+
+    # Outside the judged region, the maps are 0, and `score` is NaN.
 
     captured: CapturedSet
     region: Region | None  # None for the whole frame
@@ -112,7 +112,7 @@ def _in_pixels(scores: DefectMap) -> FloatMap:
 def _outlines(
     scores: DefectMap | None, region: Region | None, defects: Sequence[DefectRecord]
 ) -> tuple[Outline, ...] | None:
-    """Outline recorded defects, then boxes of windows; None if the map has other ones."""
+    """Outline recorded defects, then windows; None if the map shows other defects than these."""
     if scores is None:
         return None
     left, top = (0, 0) if region is None else (region.x, region.y)

@@ -12,9 +12,9 @@ from capture.station.results.part_result import PartResult
 from .painting import PaintedPicture, painted
 from .part_view import Outline, part_view
 
-# The pictures of some fifty parts at the small size, or of twelve at the large one.
-KEPT_BYTES = 64 << 20
-# Number of parts whose pictures may wait: the twelve of the strip in two browsers.
+# Size of the cache, for some fifty parts at the small size of pictures, or twelve at the large one.
+MAX_CACHE_BYTES = 64 << 20
+# Number of parts whose pictures may wait: two browsers request those of a strip of twelve parts.
 MAX_WAITING = 24
 
 
@@ -47,7 +47,7 @@ class PictureMaker:
         self._waiting: dict[_Key, Future[PartPictures]] = {}
         self._kept: OrderedDict[_Key, PartPictures] = OrderedDict()
 
-    def ask(self, result: PartResult, path: Path, size: str) -> Future[PartPictures] | None:
+    def request(self, result: PartResult, path: Path, size: str) -> Future[PartPictures] | None:
         """Return a future of the pictures of a part; None if too many parts wait already."""
         key = (result.part_id, result.set_sha256, size)
         with self._lock:
@@ -75,7 +75,7 @@ class PictureMaker:
             if made.cancelled() or made.exception() is not None:
                 return
             self._kept[key] = made.result()
-            while sum(pictures.size_bytes for pictures in self._kept.values()) > KEPT_BYTES:
+            while sum(pictures.size_bytes for pictures in self._kept.values()) > MAX_CACHE_BYTES:
                 self._kept.popitem(last=False)
 
 

@@ -182,9 +182,8 @@ class RecipeForm:
 
 
 def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the settings of a form, not yet validated; empty fields are left out, and textures
-    that do not pass are bad.
-    """
+    """Return the settings of a form, not yet validated."""
+    # Empty fields are left out. Textures that do not pass are bad.
     names = _textures(recipe)
     uses = [str(given.get(_use(number), "")) for number in range(len(names))]
     passes = [name for name, use in zip(names, uses, strict=True) if use == "pass"]
@@ -228,12 +227,12 @@ def _given(
             yield key, given.get(name) == "yes"
         elif key in RANGES:
             values = value or (None, None)
-            both = [
+            bounds = [
                 _number(given.get(f"{name}.{number}", ""), values[number])
                 for number in range(len(_BOUNDS))
             ]
-            if any(bound is not None for bound in both):
-                yield key, both
+            if any(bound is not None for bound in bounds):
+                yield key, bounds
         elif (number := _number(given.get(name, ""), value)) is not None:
             yield key, number
 
@@ -246,9 +245,8 @@ def _shown(value: Any) -> str:
 
 
 def _number(given: Any, present: float | None) -> int | float | str | None:
-    """Return a number, None for an empty text, the present value with all digits if unchanged, else
-    the text.
-    """
+    """Return the number in a field; None if it is empty, or a text that is no number."""
+    # A field shows four digits of the present value. If unchanged, it returns all digits.
     text = str(given).strip()
     if text == _shown(present):
         return present

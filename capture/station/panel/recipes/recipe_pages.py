@@ -100,7 +100,7 @@ def _show(call: ByOperator, name: Name) -> Response:
 def _recipe_page(call: Call, name: str, problem: str = "") -> Response:
     changes = known_changes_of(call, name)
     files, state = changes.files, changes.state
-    outcomes = {} if state.replay is None else {each.file: each for each in state.replay.parts}
+    outcomes = {} if state.replay is None else {part.file: part for part in state.replay.parts}
     challenge = challenge_sets(files.challenge)
     return page(
         call,
@@ -108,9 +108,13 @@ def _recipe_page(call: Call, name: str, problem: str = "") -> Response:
         400 if problem else 200,
         recipe=state.recipe,
         state=state,
-        challenge=[(file, want, outcomes.get(file)) for file, want in challenge.items()],
+        challenge=[(file, expected, outcomes.get(file)) for file, expected in challenge.items()],
         states=approved_states(files),
-        reports=[n for n in files.taught_versions() if files.version(n).report.is_file()],
+        reports=[
+            version
+            for version in files.taught_versions()
+            if files.version(version).report.is_file()
+        ],
         job=call.panel.jobs.last,
         is_configured=files.name == call.panel.folder.config.recipe,
         is_engineer=_is_engineer(call),
@@ -176,9 +180,9 @@ def _taught(files: RecipeFolder) -> tuple[dict[str, str], list[str]]:
     except InputError:
         return {}, []
     known = {
-        each.pixels_sha256: texture
-        for texture, about in taught.textures.items()
-        for each in about.sets
+        taught_set.pixels_sha256: texture
+        for texture, texture_data in taught.textures.items()
+        for taught_set in texture_data.sets
     }
     return known, list(taught.textures)
 
@@ -199,7 +203,8 @@ def _use_parts(call: ByEngineer, name: Name, below: Below = None) -> Response:
         elif use == "again":
             start_teaching(call.panel, changes, [], "", is_good=True)
         elif use == "challenge":
-            expected = next((each for each in EXPECTED if each == call.text("expected", "")), None)
+            given = call.text("expected", "")
+            expected = next((verdict for verdict in EXPECTED if verdict == given), None)
             if expected is None:
                 raise InputError(f"expected: give {', '.join(EXPECTED)}")
             add_parts_to_challenge(call.panel, changes, part_ids, expected)
@@ -256,7 +261,7 @@ def _change(
     call: ByEngineer, name: Name, action: Literal["approve", "rollback", "load", "challenge"]
 ) -> Response:
     """Approve a recipe, go back to another state, load it, replay or change its challenge set."""
-    changes, place = known_changes_of(call, name), f"/recipes/{name}"
+    changes, next_page = known_changes_of(call, name), f"/recipes/{name}"
     seen, removed = call.text("sha256", ""), call.text("remove", "")
     try:
         if action == "approve":
@@ -269,10 +274,10 @@ def _change(
             changes.remove_from_challenge(removed)
         else:
             start_replay(call.panel, changes)
-            place = "/job"
+            next_page = "/job"
     except InputError as error:  # shown on the page of the recipe
         return _recipe_page(call, name, str(error))
-    return RedirectResponse(place, 303)
+    return RedirectResponse(next_page, 303)
 
 
 @router.get(f"{_NAME}/versions/{{version}}/teaching")

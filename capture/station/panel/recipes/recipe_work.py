@@ -16,7 +16,7 @@ from capture.station.panel.security import Denied
 from classify.base.errors import InputError
 from classify.methods import checked_label
 
-# A job can teach this many in its time; see `background_jobs`.
+# Number of parts that a job can teach in its time, see `background_jobs`.
 MAX_CHOSEN_PARTS = 300
 
 

@@ -33,7 +33,7 @@ _ONE, _JOB = "/recipes/{name}", f"{V1}/job"
 _PartIds = Annotated[list[str], Field(max_length=MAX_CHOSEN_PARTS, description="ids of parts")]
 _Recipe = answer(
     "Recipe",
-    **{key: (about.annotation, about) for key, about in Recipe.model_fields.items()},
+    **{key: (field.annotation, field) for key, field in Recipe.model_fields.items()},
     sha256=Sha256,
 )
 _Now = answer(
@@ -142,7 +142,7 @@ def _versions(call: ByOperator, name: Name) -> Response:
     return JsonAnswer(
         {
             "present": read_recipe(files.file).sha256,
-            "approved": [_fields(each) for each in approved_states(files)],
+            "approved": [_fields(recipe) for recipe in approved_states(files)],
             "taught": files.taught_versions(),
         }
     )

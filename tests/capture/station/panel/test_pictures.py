@@ -140,10 +140,10 @@ def test_pictures_are_made_once_for_all_who_ask_and_a_full_queue_says_so(
     monkeypatch.setattr(picture_maker, "painted", slow)
     result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
     path, maker = set_file(panel, part_id), panel.panel.pictures
-    future = maker.ask(result, path, "small")
-    assert maker.ask(result, path, "small") is future
+    future = maker.request(result, path, "small")
+    assert maker.request(result, path, "small") is future
     others = [replace(result, part_id=f"other-{number}") for number in range(MAX_WAITING)]
-    asked = [maker.ask(other, path, "small") for other in others]
+    asked = [maker.request(other, path, "small") for other in others]
     assert [each is None for each in asked] == [False] * (MAX_WAITING - 1) + [True]
     full = panel.local.get(f"/api/v1/parts/{part_id}/pictures?size=large")
     assert (full.status, full.headers["retry-after"]) == (503, "2")
@@ -165,12 +165,12 @@ def test_the_memory_of_kept_pictures_is_bounded(
         return {"albedo": PaintedPicture("", "", "image/jpeg", content)}
 
     monkeypatch.setattr(picture_maker, "painted", paint)
-    monkeypatch.setattr(picture_maker, "KEPT_BYTES", 2500)
+    monkeypatch.setattr(picture_maker, "MAX_CACHE_BYTES", 2500)
     result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
     path, maker = set_file(panel, part_id), panel.panel.pictures
 
     def ask(number: int) -> None:
-        future = maker.ask(replace(result, part_id=f"part-{number}"), path, "small")
+        future = maker.request(replace(result, part_id=f"part-{number}"), path, "small")
         assert future.result(60).pictures["albedo"].content == content
 
     for number in (1, 2, 1, 3, 1, 2):  # 2 is dropped for 3: 1 was asked for later
