@@ -18,9 +18,10 @@ from .lookup import OLD_DAYS
 from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
 from .setting import PartName
 
-# A difference of three standard errors counts as real: normal errors reach it once in 370 times.
+# Standard errors from which a difference counts as real; normal errors reach 3 once in 370 times.
 _STANDARD_ERRORS = 3.0
-# An error that is estimated from ten residuals is itself known to 20 %.
+# Ratio of the errors of two parts up to which they count as equal. An error that is estimated from
+# ten residuals is itself known to 20 %.
 _MAX_ERROR_RATIO = 1.25
 # Smallest differences that count. Standard errors lack the errors of a target and of its place,
 # such as a board 10 mm too high at 1 m, and those of warm lights.
@@ -35,11 +36,11 @@ _COMPARED_POINTS = 9
 
 @dataclass(frozen=True)
 class _Difference:
-    """A quantity of two parts: what it is, how far they differ, and how far they may."""
+    """A difference between two parts in one quantity."""
 
     text: str
     size: float
-    limit: float
+    limit: float  # largest size that the errors of the parts explain
     unit: str = "%"
 
     def __str__(self) -> str:
@@ -78,14 +79,15 @@ def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
     lost, gained = _advantage(new.name, present, measured), _advantage(new.name, measured, present)
     if lost is not None:
         return f"it has {lost}, which the new one lacks"
-    before, now = (_ERRORS[new.name](part) for part in (present, measured))
-    if now <= max(_MAX_ERROR_RATIO * before, _NEGLIGIBLE_ERRORS[new.name]) or gained == _POSITIONS:
+    present_error, new_error = (_ERRORS[new.name](part) for part in (present, measured))
+    limit = max(_MAX_ERROR_RATIO * present_error, _NEGLIGIBLE_ERRORS[new.name])
+    if new_error <= limit or gained == _POSITIONS:
         return None
-    return f"its error is {before:.2g}, that of the new one {now:.2g}"
+    return f"its error is {present_error:.2g}, that of the new one {new_error:.2g}"
 
 
 def with_other_exposures(new: MeasuredPart, file: CalibrationFile) -> MeasuredPart:
-    """Add a dark part to those of a calibration at other exposures of the same camera setting."""
+    """Return a dark part with the exposures that a calibration has at its camera setting."""
     dark = file.calibration.dark
     if new.name != "dark" or dark is None or _other_camera_setting(file, new):
         return new
@@ -93,31 +95,32 @@ def with_other_exposures(new: MeasuredPart, file: CalibrationFile) -> MeasuredPa
     shortest, longest = merged.exposures[0], merged.exposures[-1]
     if shortest.exposure_ms is None or longest.exposure_ms is None or merged.longer is None:
         return new
-    time_ms, before = longest.exposure_ms - shortest.exposure_ms, file.records["dark"]
+    range_ms = longest.exposure_ms - shortest.exposure_ms
+    present_record = file.records["dark"]
     figures = {
         "exposures": float(len(merged.exposures)),
         "shortest_ms": shortest.exposure_ms,
         "longest_ms": longest.exposure_ms,
-        "dark_current_dn_per_s": 1e3 * (longest.offset - shortest.offset) / time_ms,
+        "dark_current_dn_per_s": 1e3 * (longest.offset - shortest.offset) / range_ms,
     }
     quality = f"Dark frames {measured_at(merged)}. At {new.part.exposure_ms:g} ms: "
     changes = {
-        "date": min(before.date, new.record.date),
+        "date": min(present_record.date, new.record.date),
         "quality": quality + new.record.quality,
         "figures": new.record.figures | figures,
-        "source": tuple(dict.fromkeys((*before.source, *new.record.source))),
+        "source": tuple(dict.fromkeys((*present_record.source, *new.record.source))),
     }
     return replace(new, part=merged, record=new.record.model_copy(update=changes))
 
 
 def _present_part(file: CalibrationFile, new: MeasuredPart) -> _RecordedPart | None:
-    """The part that a new one is compared with; None if there is none that holds."""
+    """The present part that a new one would replace; None if it does not hold at its setting."""
     if new.name not in file.records:
         return None
     part, record = getattr(file.calibration, new.name), file.records[new.name]
     if new.name == "dark":
-        same = (dark for dark in part.exposures if dark.holds_at(new.part.exposure_ms))
-        part = None if _other_camera_setting(file, new) else next(same, None)
+        matching = (dark for dark in part.exposures if dark.holds_at(new.part.exposure_ms))
+        part = None if _other_camera_setting(file, new) else next(matching, None)
         return None if part is None else _RecordedPart(part, record)
     outdated = new.name in file.outdated or file.differences(new.name, new.record.setting)
     return None if outdated else _RecordedPart(part, record)
@@ -270,12 +273,12 @@ def _advantage(name: PartName, part: _RecordedPart, other: _RecordedPart) -> str
     """Name of the extra data that `part` has and `other` lacks; None without any."""
     if name not in _EXTRAS:
         return None
-    extra, has = _EXTRAS[name]
-    return extra if has(part) and not has(other) else None
+    extra, has_extra = _EXTRAS[name]
+    return extra if has_extra(part) and not has_extra(other) else None
 
 
 def _error_of_lights(lights: CalibratedLights) -> float:
-    """Largest error of a position as a share of its distance; of distant lights, of a direction."""
+    """Largest error of a light: of its direction in radians, and of its distance as a share."""
     direction = math.radians(float(lights.direction_errors_deg.max()))
     distances = lights.distance_errors
     return math.hypot(direction, 0.0 if distances is None else float(distances.max()))

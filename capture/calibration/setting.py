@@ -17,8 +17,8 @@ if TYPE_CHECKING:
 PartName = Literal["dark", "response", "noise", "flat_field", "lights", "scale"]
 PART_NAMES: Final[tuple[PartName, ...]] = get_args(PartName)
 
-# Dependences of a part beside camera and frame: response and noise are functions of the pixel
-# value, dark current and hot pixels grow with the exposure, flat field and lights are ratios of
+# The parts that depend on more than camera and frame. Response and noise are functions of the pixel
+# value. Dark current and hot pixels grow with the exposure. Flat field and lights are ratios of
 # images under the lights.
 _DEPENDS_ON_PIXEL_VALUES: tuple[PartName, ...] = ("dark", "response", "noise")
 _DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
@@ -81,12 +81,12 @@ class Setting(Record):
     def _differences(self, other: Setting, part: PartName) -> Iterator[str]:
         if self.simulated != other.simulated:
             yield "one is simulated and the other is not"
-        for name, ours, theirs in (
+        for name, our_name, their_name in (
             ("rig", self.rig_name, other.rig_name),
             ("camera", self.camera, other.camera),
         ):
-            if ours is not None and theirs is not None and ours != theirs:
-                yield f"{name} {theirs!r} instead of {ours!r}"
+            if our_name is not None and their_name is not None and our_name != their_name:
+                yield f"{name} {their_name!r} instead of {our_name!r}"
         if (self.width_px, self.height_px) != (other.width_px, other.height_px):
             yield f"{other._size} instead of {self._size}"
         elif self.crop != other.crop:
@@ -99,10 +99,10 @@ class Setting(Record):
                     f"photographs taken as {other.photograph_gamma} instead of "
                     f"{self.photograph_gamma}"
                 )
-            present, others = self._controls, other._controls
-            for name in sorted(present.keys() & others.keys()):
-                if present[name] != others[name]:
-                    yield f"{name} {others[name]:g} instead of {present[name]:g}"
+            ours, theirs = self._controls, other._controls
+            for name in sorted(ours.keys() & theirs.keys()):
+                if ours[name] != theirs[name]:
+                    yield f"{name} {theirs[name]:g} instead of {ours[name]:g}"
         if part in _DEPENDS_ON_EXPOSURE and self.exposure_ms and other.exposure_ms:
             change = abs(other.exposure_ms / self.exposure_ms - 1.0)
             if change > SAME_EXPOSURE:

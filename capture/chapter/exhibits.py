@@ -78,7 +78,9 @@ def _title(solver: str, classifier: str) -> str:
     return f"{SOLVER_TITLES[solver]}, {CLASSIFIER_TITLES[classifier]}"
 
 
-def _of_chapter(results: Results, solver: str, classifier: str, suffix: str = "") -> list[Cell]:
+def _chapter_accuracies(
+    results: Results, solver: str, classifier: str, suffix: str = ""
+) -> list[Cell]:
     """Accuracy on the textures of the chapter: by protocol, then by slant."""
     return [
         results.trials.accuracy_pct(
@@ -89,7 +91,7 @@ def _of_chapter(results: Results, solver: str, classifier: str, suffix: str = ""
     ]
 
 
-def _columns_of_chapter(results: Results) -> list[str]:
+def _chapter_columns(results: Results) -> list[str]:
     return [
         f"{title}, slant {slant_deg:g}, %"
         for title in _PROTOCOLS.values()
@@ -109,8 +111,11 @@ def _summary(results: Results) -> Exhibit:
     )  # fmt: skip
     return Exhibit(
         "summary",
-        ("system", *_columns_of_chapter(results), "thesis, %"),
-        [(name, *_of_chapter(results, *system), thesis) for name, *system, thesis in systems],
+        ("system", *_chapter_columns(results), "thesis, %"),
+        [
+            (name, *_chapter_accuracies(results, *system), thesis)
+            for name, *system, thesis in systems
+        ],
         digits=2,
         values=results.plan.thirty.facts,
     )
@@ -226,7 +231,7 @@ def _against_textons(results: Results) -> Exhibit:
             CLASSIFIER_TITLES[cost.classifier],
             cost.training_images,
             cost.images,
-            *_of_chapter(
+            *_chapter_accuracies(
                 results, plan.BEST_SOLVER, cost.classifier,
                 plan.WITH_28_IMAGES if cost.training_images == 28 else "",
             ),
@@ -241,7 +246,7 @@ def _against_textons(results: Results) -> Exhibit:
     return Exhibit(
         "table_9_01",
         (
-            *columns, *_columns_of_chapter(results), "thesis, %",
+            *columns, *_chapter_columns(results), "thesis, %",
             "solve, ms", "match, ms", "together, ms",
         ),
         rows,

@@ -62,9 +62,8 @@ _Clock: TypeAlias = Callable[[], float]
 def shortest_ms(
     functions: Mapping[str, Work], rounds: int, clock_s: _Clock = time.perf_counter
 ) -> dict[str, float]:
-    """Shortest of `rounds` calls of each function in ms, in rounds of all after one untimed call,
-    because other processes only add time.
-    """
+    """Shortest of `rounds` calls of each function in ms, because other processes only add time."""
+    # The first calls are not timed. In each round, all functions are called in turn.
     for function in functions.values():
         function()
     shortest = dict.fromkeys(functions, float("inf"))
@@ -81,18 +80,18 @@ def time_ms(function: Work, clock_s: _Clock = time.perf_counter) -> float:
     return 1e3 * (clock_s() - started_s)
 
 
-# Enough calls that even on a busy machine one of them is undisturbed.
+# Number of calls of which even on a busy machine one is undisturbed.
 _ROUNDS = 9
 
 
 @dataclass(frozen=True)
 class _Cost:
-    """Time of one classification, and images it needs; one-image classifiers need no solver."""
+    """Time of one classification, and numbers of images that it needs."""
 
     classifier: str
     training_images: int
     images: int  # in a test set
-    solve_ms: float
+    solve_ms: float  # 0 for a classifier of one image
     match_ms: float
 
 
@@ -154,13 +153,11 @@ def _shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
 
 @dataclass(frozen=True, eq=False)
 class _SandMaps:
-    """(H, W) maps of one patch by solver and `TRUTH`, albedo scaled to it out of shadow, and rms
-    errors of (p, q, albedo) over valid pixels.
-    """
+    """(H, W) maps of one patch by solver and `TRUTH`, and their errors."""
 
     relief: dict[str, FloatMap]  # height in px, of mean 0
-    albedo: dict[str, FloatMap]
-    errors: dict[str, tuple[float, float, float]]
+    albedo: dict[str, FloatMap]  # scaled to the mean of the truth outside shadows
+    errors: dict[str, tuple[float, float, float]]  # rms over valid pixels, of p, q and albedo
     shadows: dict[str, npt.NDArray[np.uint8]]  # number of lights in shadow
 
 
@@ -252,7 +249,7 @@ class Results:
 
     plan: Plan
     trials: Trials
-    # Of the pixels, in shadow of a light at each tilt; by texture and slant in degrees.
+    # Shares of the pixels in shadow of a light at each tilt, by texture and slant in degrees.
     shadow_shares: dict[tuple[str, float], tuple[float, ...]]
     polar: dict[float, _Polar]  # of sand, by orientation in degrees
     maps: _SandMaps

@@ -114,7 +114,7 @@ def lights(
                     f"LED {led}: the controller has {opened.led_count}, counted from 0"
                 )
             try:
-                _hold(opened, leds, level)
+                _light_in_turn(opened, leds, level)
             except KeyboardInterrupt:  # Ctrl-C is the normal end
                 opened.put_out()
                 out.print("all LEDs are out")
@@ -123,7 +123,7 @@ def lights(
             simulation.close()
 
 
-def _hold(opened: LightController, leds: Sequence[int], level: int) -> NoReturn:
+def _light_in_turn(opened: LightController, leds: Sequence[int], level: int) -> NoReturn:
     """Light the LEDs, one at a time, until an interrupt."""
     from rig.signals import signals_held_back
 

@@ -39,15 +39,17 @@ def status(
     from .session_terminal import left_out_text
 
     session = read_session(folder)
-    gone = set(session.missing())
-    read = progress(session.read_again(), len(session.plan) - len(gone), "sets")
+    not_captured = set(session.missing())
+    read = progress(session.read_again(), len(session.plan) - len(not_captured), "sets")
     problems = {planned: result for planned, result in read if isinstance(result, str | InputError)}
     damaged = {planned: reason for planned, reason in problems.items() if isinstance(reason, str)}
     unreadable = {planned: error for planned, error in problems.items() if planned not in damaged}
-    missing = [planned for planned in session.plan.sets() if planned in gone or planned in damaged]
-    entered = map(session.journal.entry_of, session.plan.sets())
+    missing = [
+        planned for planned in session.plan.sets() if planned in not_captured or planned in damaged
+    ]
+    entries = map(session.journal.entry_of, session.plan.sets())
     left_out = session.left_out()
-    warned = [entry for entry in entered if entry and entry.measures and entry.measures.warnings]
+    warned = [entry for entry in entries if entry and entry.measures and entry.measures.warnings]
     if json:
         print_json(
             {
@@ -86,16 +88,17 @@ def status(
 
 
 def _print_counts(session: SessionFolder, missing: Sequence[PlannedSet]) -> None:
-    """Print how many sets are there, of each specimen too, and the runs."""
-    planned, left_out = len(session.plan), len(session.left_out())
+    """Print the numbers of sets, in all and of each specimen, and the runs."""
+    plan_size, left_out = len(session.plan), len(session.left_out())
+    captured = plan_size - len(missing) - left_out
     out.print(
-        f"{session.path}: {planned} sets planned, {planned - len(missing) - left_out} captured, "
+        f"{session.path}: {plan_size} sets planned, {captured} captured, "
         f"{left_out} left out, {len(missing)} missing",
     )
     table = new_table("specimen", "captured", "missing at degrees", prose="missing at degrees")
     for specimen in session.plan.specimen:
-        missing_of_specimen = [lacking for lacking in missing if lacking.specimen == specimen.id]
-        angles = dict.fromkeys(f"{lacking.orientation_deg:g}" for lacking in missing_of_specimen)
+        missing_of_specimen = [planned for planned in missing if planned.specimen == specimen.id]
+        angles = dict.fromkeys(f"{planned.orientation_deg:g}" for planned in missing_of_specimen)
         entries = (
             session.journal.entry_of(planned_set)
             for planned_set in session.plan.sets()

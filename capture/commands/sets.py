@@ -133,13 +133,13 @@ def capture(
             saved.append({"set": str(path), "simulated": captured.metadata.simulated})
             if not json:
                 origin = " (simulated)" if captured.metadata.simulated else ""
-                lights = f"{len(captured.images)} lights in {_duration(captured)}"
+                lights = f"{len(captured.images)} lights in {_frames_and_time(captured)}"
                 out.print(f"{path}: {lights}{origin}")
     if json:
         print_json(saved)
 
 
-def _duration(captured: CapturedSet) -> str:
+def _frames_and_time(captured: CapturedSet) -> str:
     """Number of frames of a set and its capture time, as text."""
     frames = [frame for image in captured.metadata.images for frame in image.frames]
     first = min(frames, key=lambda frame: frame.sequence)

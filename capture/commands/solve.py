@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from classify import Lighting
 
 _RELIT = "135,45"
-# Fall-off of the near LEDs in the table of faults of `tests.evidence.textures`; without --planar,
-# textures under them are confused.
-_PLAIN_FALL_OFF = 0.25
+# Fall-off of the light over the part from which --planar is recommended. Under LEDs this near,
+# textures are confused without it, as the table of faults of `tests.evidence.textures` shows.
+_LARGE_FALL_OFF = 0.25
 
 
 @reported
@@ -87,9 +87,9 @@ def solve(
             calibration=None if calibration is None else calibration.absolute(),
             raw=raw,
         )
-        share = ItemProgress()
-        solving = batch.map(task, tasks, local_function=partial(task, on_progress=share))
-        solved = progress(solving, len(tasks), "solve", share)
+        set_progress = ItemProgress()
+        solving = batch.map(task, tasks, local_function=partial(task, on_progress=set_progress))
+        solved = progress(solving, len(tasks), "solve", set_progress)
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
             warnings.append((path, surface.warnings))
             if json:
@@ -128,17 +128,17 @@ def _levels_note(surface: SolvedSet) -> str | None:
 
 
 def _fall_off_note(surface: SolvedSet) -> str | None:
-    share = surface.fall_off
-    if surface.planar and share is None:
+    fall_off = surface.fall_off
+    if surface.planar and fall_off is None:
         return "solved as a planar part, but too little of it is lit: no fall-off was divided out"
     if surface.planar:
         return (
-            f"solved as a planar part: light falls off by {share:.0%} across it, which was divided "
-            "out, with any tilt or bow of the part"
+            f"solved as a planar part: light falls off by {fall_off:.0%} across it, which was "
+            "divided out, with any tilt or bow of the part"
         )
-    if share is None or share < _PLAIN_FALL_OFF:
+    if fall_off is None or fall_off < _LARGE_FALL_OFF:
         return None
-    return f"if the part is flat, light falls off by {share:.0%} across it: use --planar"
+    return f"if the part is flat, light falls off by {fall_off:.0%} across it: use --planar"
 
 
 def _light(angles: str) -> Lighting:
@@ -247,11 +247,11 @@ def export(
     suffix = output.suffix.lower()
     form = FORMATS.get(suffix)
     if suffix and (maps or form is None):
-        *some, last = FORMATS
-        wrong = "--maps writes a folder; leave out the end of the name"
+        *suffixes, last_suffix = FORMATS
+        advice = "--maps writes a folder; leave out the end of the name"
         if not maps:
-            wrong = f"end the name in {', '.join(some)} or {last}, or name a folder"
-        raise InputError(f"{output}: {wrong}")
+            advice = f"end the name in {', '.join(suffixes)} or {last_suffix}, or name a folder"
+        raise InputError(f"{output}: {advice}")
     options.check_calibration(calibration, raw)
     is_solved = maps or (form is not None and form.solved)
     if not is_solved and (raw or calibration is not None):
@@ -273,5 +273,5 @@ def export(
         return
     lengths = f", lengths in {answer['unit']}" if "unit" in answer else ""
     out.print(f"{output}: written{lengths}")
-    if options_back := answer.get("import_options"):
-        out.print(f"back again: ps4rig import {options_back} OUT.ome.tif")
+    if import_options := answer.get("import_options"):
+        out.print(f"back again: ps4rig import {import_options} OUT.ome.tif")

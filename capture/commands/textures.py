@@ -89,8 +89,8 @@ def train(
     trained.save(library)
     if json:
         solved = {"method": trained.method, "planar": trained.planar}
-        facts = {"classes": classes, "uniformity": trained.uniformity, **solved}
-        print_json({"library": str(library), **facts, "simulated": trained.simulated})
+        content = {"classes": classes, "uniformity": trained.uniformity, **solved}
+        print_json({"library": str(library), **content, "simulated": trained.simulated})
     else:
         solver = f"{trained.method} as planar parts{' (simulated)' if trained.simulated else ''}"
         counts = f"classes {len(classes)}, sets {len(paths)}, solved by {solver}"
@@ -170,10 +170,10 @@ def evaluate_(
     folder = None if scheduler is None else library.absolute().parent
     with (
         Batch(workers, scheduler, sets=len(paths)) as batch,
-        _library_for(library, classifier, method, calibration, batch, folder) as chosen,
+        _library_for(library, classifier, method, calibration, batch, folder) as used_library,
     ):
         answers, trained = _classified(
-            paths, chosen, batch, method, label_required=True, calibration=calibration
+            paths, used_library, batch, method, label_required=True, calibration=calibration
         )
     training = [path for path, answer in answers.items() if answer.trained]
     warning = f"a training set of {library}; its result says nothing about new sets"
@@ -237,7 +237,7 @@ def _classified(
     from capture.batch.tasks import classify_set, warn_of_sets
     from classify import TextureLibrary
 
-    trained = TextureLibrary.load(library)  # so that a wrong one is found before the first set
+    trained = TextureLibrary.load(library)  # raises its errors before the first set is read
     task = partial(
         classify_set,
         library=library.absolute(),
@@ -255,9 +255,9 @@ def _classified(
             f"solved by {solvers}"
         )
         return answers, trained
-    other = f"but {library} was trained with {trained.method}; textures differ between solvers"
+    remark = f"but {library} was trained with {trained.method}; textures differ between solvers"
     warn_of_sets(
-        (path, (f"solved by {answer.method}, {other}",))
+        (path, (f"solved by {answer.method}, {remark}",))
         for path, answer in answers.items()
         if answer.method != trained.method
     )
@@ -284,13 +284,13 @@ def _library_for(
     batch: Batch,
     folder: Path | None,
 ) -> Iterator[Path]:
-    """Yield the library, or a temporary one in `folder` with `classifier` from its sets."""
+    """Yield the library, or one in `folder`, trained again from its sets for `classifier`."""
     from capture.batch.training import retrain_library
     from classify import TextureLibrary
 
     trained = TextureLibrary.load(library)
-    same = classifier == trained.classifier and method in (None, trained.method)
-    if classifier is None or same:
+    is_unchanged = classifier == trained.classifier and method in (None, trained.method)
+    if classifier is None or is_unchanged:
         yield library
         return
     retrained = retrain_library(trained, library, batch, classifier, method, calibration)

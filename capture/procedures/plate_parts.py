@@ -16,8 +16,9 @@ from classify.images import ImageStack
 
 # Figure of a flat field by which a later light image of a sheet shows another exposure.
 SHEET_BRIGHTNESS = "sheet_brightness"
-# A sheet under LEDs of round lobes leaves less than 0.1 % (classify/DECISIONS.md).
-_ROUND_LOBES = 0.002
+# Residual of a sheet above which its light is not that of LEDs with round lobes, which leave less
+# than 0.1 % (classify/DECISIONS.md).
+_MAX_LED_RESIDUAL = 0.002
 
 
 def plate_parts(
@@ -135,7 +136,7 @@ def _lights(
     if lights.lobe_exponent is not None:
         figures["lobe_exponent"] = lights.lobe_exponent
     warnings = []
-    if lights.residual > _ROUND_LOBES:
+    if lights.residual > _MAX_LED_RESIDUAL:
         warnings.append(
             f"the light on the sheet differs by {lights.residual:.2%} from that of LEDs: the sheet "
             "may be shiny, or the lights extended; check the positions with a sphere"

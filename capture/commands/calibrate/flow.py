@@ -237,10 +237,10 @@ def keep_parts(
         return merged
     for part in parts:
         record, title = merged.records[part.name], part.name.replace("_", " ")
-        done = "replaced" if part.name in file.records else "added"
+        change = "replaced" if part.name in file.records else "added"
         if (reason := reasons[part.name]) is not None:
-            done = f"of {record.date} kept, because {reason}; --replace takes the new one"
-        out.print(f"{path}: {title} {done}. {record.quality}")
+            change = f"of {record.date} kept, because {reason}; --replace takes the new one"
+        out.print(f"{path}: {title} {change}. {record.quality}")
         for figure, value in record.figures.items():
             out.print(f"  {figure.replace('_', ' ')}: {value:.4g}")
     if is_new:
@@ -251,7 +251,7 @@ def keep_parts(
 def _part_json(
     path: Path, part: MeasuredPart, calibration: CalibrationFile, reason: str | None
 ) -> dict[str, Any]:
-    """JSON of the part in the calibration; `reason` tells why it is not the new one."""
+    """JSON of the part in the calibration; `reason` is why the new part was not taken."""
     record = calibration.records[part.name]
     return {
         "calibration": str(path), "part": part.name, "warnings": [*part.warnings],

@@ -75,7 +75,8 @@ def plate(
 
 
 # Places of the sphere on a simulated rig, relative to the middle, as fractions of the shorter side
-# of the frame. The sphere, which fills 0.6 of that side, stays inside; rays to an LED intersect.
+# of the frame. A sphere of 0.6 of that side stays inside the frame. The places are far enough apart
+# for the position of an LED to be found from the rays to it.
 _SPHERE_PLACES = ((0.0, 0.0), (0.18, 0.0), (-0.18, 0.0), (0.0, 0.18), (0.0, -0.18))
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from capture.station.domain.recipe_folder import RecipeFolder
     from capture.station.judge.gauge.gauge import Presentation
 
-# Taught parts of each texture that get every fault in turn.
+# Number of taught parts of each texture. Each is judged with every fault.
 _FAULTY_PARTS = 10
 
 
@@ -160,12 +160,12 @@ def bench(
 
     from capture.station.run.bench import run_bench
 
-    def say(what: str) -> None:
+    def print_step(step: str) -> None:
         if not json:
-            out.print(f"{what} ...")
+            out.print(f"{step} ...")
 
     with TemporaryDirectory() as folder:
-        report = run_bench(Path(folder), parts, size, classes, say)
+        report = run_bench(Path(folder), parts, size, classes, print_step)
     if json:
         print_json(
             {

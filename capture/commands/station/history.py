@@ -120,17 +120,17 @@ def _results_of(folder: Path) -> ResultStore:
 
 
 def _show(station: str, counters: Counters, include_simulated: bool) -> None:
-    out.print(f"{station}: {_words(counters.production)}")
+    out.print(f"{station}: {_summary(counters.production)}")
     simulated = counters.simulated
     if include_simulated:
-        out.print(f"{station}, SIMULATED: {_words(simulated)}")
+        out.print(f"{station}, SIMULATED: {_summary(simulated)}")
     elif simulated.parts:
         out.print(
             f"parts of a simulated rig, left out: {simulated.parts} (--include-simulated)",
         )
 
 
-def _words(tally: Tally) -> str:
+def _summary(tally: Tally) -> str:
     collected = f"; collected to be taught: {tally.collected}" if tally.collected else ""
     if not tally.parts:
         return f"no parts{collected}; triggers refused: {tally.refused_triggers}"

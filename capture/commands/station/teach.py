@@ -93,7 +93,7 @@ def teach(
         )
         teaching = teach_sets(progress)
     files = changes.files
-    made = teaching.recipe
+    new_recipe = teaching.recipe
     if json:
         print_json(teaching.fields())
         return
@@ -102,8 +102,8 @@ def teach(
     for line in (*teaching.promises(), *teaching.least_found()):
         out.print(line)
     out.print(
-        f"{files.file}: version {made.version}, not approved; see {teaching.files.report}, then "
-        f"run ps4rig station approve {folder} --recipe {made.name} --by NAME",
+        f"{files.file}: version {new_recipe.version}, not approved; see {teaching.files.report}, "
+        f"then run ps4rig station approve {folder} --recipe {new_recipe.name} --by NAME",
     )
 
 
