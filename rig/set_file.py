@@ -22,7 +22,8 @@ from classify.base.regular_file import open_regular_file
 SCHEMA_VERSION = 6
 NAMESPACE = "ps4rig/captured-set"
 Planes = npt.NDArray[np.uint16]
-_VALUE = f".//{{*}}CommentAnnotation[@Namespace='{NAMESPACE}']/{{*}}Value"  # in any OME schema
+# XPath of the metadata, in any OME schema.
+_METADATA_PATH = f".//{{*}}CommentAnnotation[@Namespace='{NAMESPACE}']/{{*}}Value"
 # 255 lights of 32 megapixels. The three limits below bound memory before pixels are read.
 _MAX_BYTES = 2**34
 _MAX_DESCRIPTION_BYTES = 2**24
@@ -72,14 +73,15 @@ def hash_page(digest: "hashlib._Hash", plane: Planes) -> None:
 
 def pages(images: Planes, ambient: Planes | None, mask: BoolArray | None) -> list[Planes]:
     """Return the pages of a file; a mask is 65535 inside and 0 outside."""
-    last = [] if mask is None else [np.where(mask, np.uint16(65535), np.uint16(0))]
-    return [*images, *(() if ambient is None else (ambient,)), *last]
+    ambient_pages = [] if ambient is None else [ambient]
+    mask_pages = [] if mask is None else [np.where(mask, np.uint16(65535), np.uint16(0))]
+    return [*images, *ambient_pages, *mask_pages]
 
 
 def fields_sha256(fields: dict[str, Any]) -> str:
     """SHA-256 of the fields without `sha256`, as sorted ASCII JSON without blanks."""
-    others = {name: value for name, value in fields.items() if name != "sha256"}
-    canonical = json.dumps(others, sort_keys=True, separators=(",", ":"))
+    hashed = {name: value for name, value in fields.items() if name != "sha256"}
+    canonical = json.dumps(hashed, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(canonical.encode("ascii")).hexdigest()
 
 
@@ -124,16 +126,16 @@ def _fields(tiff: tifffile.TiffFile, path: Path) -> dict[str, Any]:
     if not isinstance(text, str) or len(text) > _MAX_DESCRIPTION_BYTES:
         text = ""
     try:
-        value = ET.fromstring(text).findtext(_VALUE)
+        json_text = ET.fromstring(text).findtext(_METADATA_PATH)
     except ET.ParseError:
-        value = None
-    if not value:
+        json_text = None
+    if not json_text:
         raise InputError(
             f"{path}: a TIFF, but not a captured set, or cut short; ps4rig import makes one of "
             "plain images"
         )
     try:
-        fields = json.loads(value)
+        fields = json.loads(json_text)
         # JSON may escape half a surrogate pair, which cannot be printed or written.
         json.dumps(fields, ensure_ascii=False).encode("utf-8")
     except (ValueError, RecursionError) as error:

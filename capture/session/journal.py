@@ -103,14 +103,14 @@ class SetEntry(Record):
 
     @property
     def entered_deg(self) -> float | None:
-        """Orientation of the set as planned, or as corrected later; None if that removed it."""
+        """Orientation of the set as planned or corrected; None if a correction removed it."""
         return (
             self.orientation_deg if self.description is None else self.description.orientation_deg
         )
 
     @property
     def piece(self) -> str:
-        """Specimen of the set as planned, or as corrected later; empty if that removed it."""
+        """Specimen of the set as planned or corrected; empty if a correction removed it."""
         return self.specimen if self.description is None else self.description.specimen or ""
 
 
@@ -161,8 +161,8 @@ class Journal(Record):
 
     def entry_with(self, pixels_sha256: str) -> SetEntry | None:
         """Return the entry of the set with these pixels; None if there is none."""
-        same = (entry for entry in self.entries if entry.pixels_sha256 == pixels_sha256)
-        return next(same, None)
+        matching = (entry for entry in self.entries if entry.pixels_sha256 == pixels_sha256)
+        return next(matching, None)
 
     @property
     def lights(self) -> int | None:

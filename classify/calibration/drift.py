@@ -28,10 +28,10 @@ _FAR_DISTANCE = 1e3
 # Lights are distant, at more than 50 fields of view, if their ratios vary less over the frame.
 _MAX_VARIATION = 0.01
 _MIN_LIGHTS = 3  # least number that `fit_led_positions` takes
-# Changes beyond the first value are a warning, beyond the second a fault. An LED that is 10 % off
-# tilts a level part by 3 degrees at slant 45, 15 % by 4; a light 5 degrees lower gives 8 % less
-# light there, and its angle is known to 0.6 degrees (test_drift.py). classify/README.md has the
-# resolution of a check at other distances.
+# A change beyond the first value is a warning, and beyond the second a fault. At slant 45, an LED
+# whose level is wrong by 10 % tilts a level part by 3 degrees, and by 15 %, 4 degrees. A light that
+# is 5 degrees lower gives 8 % less light. Angles of lights are known to 0.6 degrees
+# (test_drift.py). classify/README.md has the resolution of a check at other distances.
 _LED_LEVEL = (0.10, 0.15)
 _LIGHT_MOVED_DEG = (2.5, 4.0)
 _CAMERA_SHIFT = (0.05, 0.10)  # share of the frame's longer side
@@ -40,8 +40,9 @@ _MAGNIFICATION = (0.05, 0.10)
 _SHEET_TILT_DEG = (2.5, 5.0)
 # A brighter or darker corner is common to all lights: it changes the albedo only.
 _VIGNETTING = (0.05, math.inf)
-# White sheets differ by less. A common factor changes no slope; beyond twice the brightness, noise
-# and hot pixels differ from the calibration.
+# The brightness of white sheets differs by less than the limit of a warning. A factor that all
+# lights share changes no slope. Beyond a factor of 2, noise and hot pixels differ from the
+# calibration.
 _BRIGHTNESS_CHANGES = (0.25, 1.0)
 # Residual of the ratios of lights; 1 % tilts normals by a third of a degree.
 _RESIDUALS = (0.005, 0.01)
@@ -84,9 +85,8 @@ def plate_drift(
     *,
     brightness: float | None = None,
 ) -> Drift:
-    """Compare light images of a white matt sheet with a calibration, where the sheet's geometric
-    mean was `brightness` of full scale.
-    """
+    """Compare light images of a white matt sheet with a calibration."""
+    # `brightness` is the geometric mean of the calibration's sheet, as a share of full scale.
     flat_field, lighting = calibration.flat_field, calibration.lighting_of(lighting)
     if flat_field is None:
         raise InputError("the calibration has no flat field; run ps4rig calibrate plate")
@@ -100,7 +100,7 @@ def plate_drift(
     expected = flat_field.logarithms(blocks.x, blocks.y)
     change, x, y = _joined(blocks, expected)
     change -= change.mean() if brightness is None else math.log(brightness * full_scale)
-    model = DriftModel(*_leds(expected, blocks, lighting), x, y)
+    model = DriftModel(*_led_geometry(expected, blocks, lighting), x, y)
     explanation = model.explain(change)
     check_evenness(explanation.unevenness)
     factor = None if brightness is None else math.exp(explanation.brightness)
@@ -116,7 +116,9 @@ def plate_drift(
     )
 
 
-def _leds(expected: Floats, blocks: PlateBlocks, lighting: Lighting) -> tuple[Floats, float, Aim]:
+def _led_geometry(
+    expected: Floats, blocks: PlateBlocks, lighting: Lighting
+) -> tuple[Floats, float, Aim]:
     """Positions of the LEDs, exponent and aim of their lobes, from a flat field."""
     ratios = expected - expected.mean(axis=0)
     if len(expected) < _MIN_LIGHTS or float(ratios.std(axis=(1, 2)).max()) <= _MAX_VARIATION:
@@ -225,8 +227,8 @@ def _light_moved(
     cosine = before @ after / (np.linalg.norm(before) * np.linalg.norm(after))
     angle_deg = math.degrees(math.acos(min(float(cosine), 1.0)))
     # A change of the distance counts as the angle that changes the gradient of the light as much.
-    equal_deg = max(angle_deg, math.degrees(abs(float(parameters[2]))))
-    status = _status(equal_deg, _LIGHT_MOVED_DEG)
+    distance_as_deg = math.degrees(abs(float(parameters[2])))
+    status = _status(max(angle_deg, distance_as_deg), _LIGHT_MOVED_DEG)
     if status != "ok":
         distance_change = math.expm1(parameters[2])
         finding = (

@@ -26,14 +26,15 @@ _PIECES, _DEGREE = 8, 3
 # few levels: with less weight the curve follows a wrong exposure, with more it is one cubic
 # polynomial (the same test has both).
 _SMOOTHNESS = 1e-3
-# The fit is repeated with weights from its own slope; gamma curves need four rounds.
-_ROUNDS, _SETTLED = 12, 1e-7
+# The fit is repeated with weights from its own slope, until its factors change by less than
+# `_SETTLED`. Gamma curves need four rounds.
+_MAX_ROUNDS, _SETTLED = 12, 1e-7
 # Range of slopes that count for the weights, relative to the mean slope. Without the lower limit a
 # level could have any weight; without the upper one a steep piece hides the residuals of a wrong
 # exposure in it.
 _SLOPE_RANGE = (0.02, 6.0)
-# Levels between which the light is scaled to rise by 1, as shares of the range. With the ends, the
-# curve could rise at the highest level only, and would be flat, with no residuals, elsewhere.
+# Levels between which the light is scaled to rise by 1, as shares of the range. Between the ends of
+# the range, a curve that is flat but for a step at its highest level would have no residuals.
 _INNER_RANGE = (0.1, 0.9)
 _SCALE_WEIGHT = 1e3
 # Limits of the exponent of the power law below the measured values.
@@ -50,13 +51,13 @@ _MIN_TOP = 0.5
 _MIN_RISE = 0.2
 # Largest fall of the median value at a longer exposure, as a share of full scale: above the noise.
 _MAX_FALL = 0.005
-# Shares of full scale. One exposure that is 5 % wrong gives a median residual of 0.2 to 2.5 %, and
-# exact exposures at most 0.04 %. Blocks scatter by noise: with a larger rms residual the curve
-# would miss the required accuracy of 0.5 %.
+# Largest median residual of an exposure, and rms residual of all, as shares of full scale. One
+# exposure that is 5 % wrong gives a median of 0.2 to 2.5 %, and exact exposures at most 0.04 %.
+# With a larger rms residual, from noise, the curve would miss the required accuracy of 0.5 %.
 _MAX_MEDIAN, _MAX_ERROR = 0.002, 0.005
-# A camera is linear up to the larger of two departures from a straight line: a share of full scale,
-# which changes the solved slopes by less than 0.1 degrees
-# (tests/classify/calibration/test_exposure_ladder.py), and this many rms errors of the curve.
+# A curve counts as linear if it departs from a straight line by at most `_NEGLIGIBLE` of full
+# scale, which changes the solved slopes by less than 0.1 degrees
+# (tests/classify/calibration/test_exposure_ladder.py), or by at most `_SIGNIFICANT` rms errors.
 _NEGLIGIBLE, _SIGNIFICANT = 0.002, 3.0
 
 
@@ -205,7 +206,7 @@ class _Fit:
         bounds = np.r_[0.0, np.full(pieces - 1, 1e-9)]
         slopes, knot_slopes = np.full(levels.shape, mean_slope), np.full(len(roughness), mean_slope)
         factors = np.zeros(pieces)
-        for _ in range(_ROUNDS):
+        for _ in range(_MAX_ROUNDS):
             weights = measured / slopes / np.sqrt(measured.sum())
             # Eliminate the strengths of the blocks by partial regression (Frisch and Waugh 1933):
             # they are `strength_terms` times the factors.
@@ -253,7 +254,7 @@ class _Fit:
         return float(np.nanmedian(light / self.strengths))
 
     def curve(self) -> tuple[Floats, float]:
-        """(257,) curve from 0 to 1, and the offset."""
+        """The curve on `_GRID`, from 0 to 1, and the offset."""
         lowest, highest = self.lowest, self.highest
         slope = self.spline.derivative()
         near, far = lowest + np.array([0.02, 0.25]) * (highest - lowest)

@@ -58,14 +58,14 @@ class Classifier(Generic[_Test, _Training]):
     parameter_shapes: Callable[[int], Mapping[str, Shape]] = lambda _segment_px: {}
     # From a training observation: the `unevenness` of the set; None where it is not measured.
     unevenness: Callable[[_Training], float] | None = None
-    # From label and set number of each reference, (n, ...) references, and the uniformity of each
-    # class: the distance beyond which each class rejects; empty where the classifier rejects
-    # nothing.
+    # The distance beyond which each class rejects a set; empty for a classifier that rejects none.
+    # The arguments are label and set number of each reference, the (n, ...) references, the
+    # parameters, and the uniformity of each class.
     limits: Callable[
         [Sequence[str], Sequence[int], FloatMap, Parameters, Mapping[str, Uniformity]],
         dict[str, float],
     ] = lambda _labels, _sets, _references, _parameters, _uniformity: {}
-    # Whether there are `bounds`; a large library then compares few references.
+    # Whether `invariants` and `bounds` let a large library skip most of its references.
     has_invariants: bool = False
     # (n, k) numbers of (n, ...) signatures that do not change with the orientation.
     invariants: Callable[[FloatMap, Parameters], FloatMap] = lambda signatures, _parameters: (
@@ -78,7 +78,8 @@ class Classifier(Generic[_Test, _Training]):
     # (n, 180) share of the angular structure that agrees at each orientation relative to the
     # reference; None where the classifier finds none.
     agreement: Callable[[FloatMap, FloatMap], Floats] | None = None
-    # References that give no heading: of a set whose orientation may be off by 180 degrees.
+    # Changes the references of a set whose orientation may be off by 180 degrees, so that they
+    # give no heading.
     without_heading: Callable[[FloatMap], FloatMap] = lambda references: references
     # Whether it compares images, which depend on the lighting, rather than surfaces.
     from_images: bool = False

@@ -45,12 +45,14 @@ def _drop_darkest(
     dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
-    """Leave out the darkest of four values (the mean of ties), solve from the other three."""
-    # With nul the left null vector of the lights, r = nul . i is 0 for a Lambertian pixel lit by
-    # all four, so the others predict i_k - r / nul_k for light k; with that in place of i_k any
-    # three values give b. A slope is valid where b_z^2 >= `noise_floor` rho, no light is saturated,
-    # and the second darkest light is out of shadow; of n equally dark lights the mean corrects each
-    # by 1 / n of r / nul_k only, so the second darkest value is lowered by the rest.
+    """Leave out the darkest of four values, and solve for b = albedo * normal from the others."""
+    # With nul the left null vector of the lights, r = nul . i is 0 for a Lambertian pixel that all
+    # lights reach. So the other values predict i_k - r / nul_k for the darkest light k. With that
+    # in place of i_k, any three of the values give b. Of n equally dark lights, each is left out
+    # in turn, and b is the mean: each value is corrected by 1 / n of r / nul_k.
+    # A slope is valid where b_z^2 >= `noise_floor` rho, no light is saturated, and the second
+    # darkest light is out of shadow. Of equally dark lights, its value is lowered by the part of
+    # the correction that the mean lacks.
     columns = p.shape[1]
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
@@ -58,7 +60,7 @@ def _drop_darkest(
     (x0, x1, x2), (y0, y1, y2), (z0, z1, z2) = inverse[0], inverse[1], inverse[2]
     zero, one = np.float32(0.0), np.float32(1.0)
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
-    largest = max(max(abs(c0), abs(c1)), max(abs(c2), abs(c3)))
+    max_inverse = max(max(abs(c0), abs(c1)), max(abs(c2), abs(c3)))
     for r in range(first, last):
         dark_row = ambient[min(r, len(ambient) - 1)]
         dark_count = 0
@@ -86,7 +88,7 @@ def _drop_darkest(
             s0 = v0 - share * c0 * d0
             s1 = v1 - share * c1 * d1
             s2 = v2 - share * c2 * d2
-            second -= (ties - one) * largest * abs(share)
+            second -= (ties - one) * max_inverse * abs(share)
             second = second if brightest < saturation else -one
             bx = x0 * s0 + x1 * s1 + x2 * s2
             by = y0 * s0 + y1 * s1 + y2 * s2

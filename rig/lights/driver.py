@@ -169,7 +169,7 @@ class LightController:
     def trips_watchdog(self) -> bool:
         """Test whether the controller puts an LED out by itself when no command comes.
 
-        The watchdog has its shortest time during the test.
+        During the test, the watchdog is set to `WATCHDOG_MIN_MS`.
         """
         with self._lock:  # excludes a keep-alive
             self._exchange(f"SYST:WDOG {WATCHDOG_MIN_MS}")

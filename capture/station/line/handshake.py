@@ -134,7 +134,7 @@ class Handshake:
         self._unanswered: TriggerRequest | None = None
         self._is_accepted = False
         self._error: Refusal | None = None
-        # Numbers of parts; parts are exposed and announced in their order.
+        # Number of the last part that was begun, exposed and announced.
         self._begun = self._exposed = self._announced = 0
         self._shown: PartResult | None = None
         self._waiting: deque[PartResult] = deque()

@@ -135,7 +135,7 @@ async def _messages(
 
 
 def _missed(live: LiveView, last: str) -> tuple[list[str], int]:
-    """Messages after the last one that a client got, or else the whole state; and the last id."""
+    """Messages that a client has missed, or else a snapshot, and the id of the last of them."""
     run, _, number = last.partition(".")
     if run == live.run and number.isdecimal() and len(number) < 16:
         after = live.events_after(int(number))

@@ -105,7 +105,7 @@ def study_faults(
     With `large_only`, only faults of `_LARGE_STRENGTH`.
     """
     taught = taught_for(inspector.recipe, files)
-    draw = random.Random(1)
+    rng = random.Random(1)
     for texture in inspector.recipe.passes:
         good: list[tuple[LoadedSet, Inspector]] = []
         for taught_set in taught.textures[texture].sets:
@@ -122,7 +122,7 @@ def study_faults(
             for strength in fault.strengths:
                 if large_only and not (fault.is_local and strength == _LARGE_STRENGTH):
                     continue
-                verdicts = [_passes(judge, loaded, fault, strength, draw) for loaded, judge in good]
+                verdicts = [_passes(judge, loaded, fault, strength, rng) for loaded, judge in good]
                 judged = [verdict for verdict in verdicts if verdict is not None]
                 finding = FaultFinding(
                     texture=texture,
@@ -139,13 +139,14 @@ def study_faults(
 
 
 def _passes(
-    inspector: Inspector, loaded: LoadedSet, fault: MadeFault, strength: float, draw: random.Random
+    inspector: Inspector, loaded: LoadedSet, fault: MadeFault, strength: float, rng: random.Random
 ) -> bool | None:
+    """Whether a part with a fault passes; None if the lights of its set do not allow the fault."""
     rows, columns = loaded.captured.images.shape[1:]
     place = Place(
-        draw.uniform(-_MIDDLE_SHARE, _MIDDLE_SHARE) * columns,
-        draw.uniform(-_MIDDLE_SHARE, _MIDDLE_SHARE) * rows,
-        draw.uniform(0.0, 180.0),
+        rng.uniform(-_MIDDLE_SHARE, _MIDDLE_SHARE) * columns,
+        rng.uniform(-_MIDDLE_SHARE, _MIDDLE_SHARE) * rows,
+        rng.uniform(0.0, 180.0),
     )
     captured = with_fault(loaded.captured, fault, strength, place)
     if captured is None:
