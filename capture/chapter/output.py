@@ -180,8 +180,8 @@ def _table(exhibit: Exhibit) -> _Table:
     columns = list(zip(*exhibit.rows, strict=True)) or [()] * len(exhibit.columns)
     kinds = []
     for name, cells in zip(exhibit.columns, columns, strict=True):
-        numeric = all(isinstance(cell, int | float | None) for cell in cells)
-        kinds.append("given" if name.startswith("thesis") else "number" if numeric else "")
+        is_numeric = all(isinstance(cell, int | float | None) for cell in cells)
+        kinds.append("given" if name.startswith("thesis") else "number" if is_numeric else "")
     return [
         [(kind, _as_text(cell, exhibit.digits)) for kind, cell in zip(kinds, row, strict=True)]
         for row in (exhibit.columns, *exhibit.rows)

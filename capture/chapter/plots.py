@@ -116,10 +116,10 @@ def draw_maps(figure: Figure, maps: Sequence[tuple[str, Array]], scale: Scale) -
     axes = figure.subplots(1, len(maps), squeeze=False)[0]
     low, high = scale.value_range
     for ax, (title, values) in zip(axes, maps, strict=True):
-        shown = ax.imshow(values, cmap=scale.colours, vmin=low, vmax=high, interpolation="nearest")
+        image = ax.imshow(values, cmap=scale.colours, vmin=low, vmax=high, interpolation="nearest")
         ax.set_title(title, fontsize=9)
         ax.set_axis_off()
-    figure.colorbar(shown, ax=axes, shrink=0.8, label=scale.label)
+    figure.colorbar(image, ax=axes, shrink=0.8, label=scale.label)
 
 
 def _legend(figure: Figure, ax: Any) -> None:

@@ -85,8 +85,9 @@ def _value_of(metadata: SetMetadata, field: str) -> Property | None:
 
 def as_captured(metadata: SetMetadata, field: str) -> Property | None:
     """Return the value of a field before all corrections."""
-    before = (correction.before for correction in metadata.corrections if correction.field == field)
-    return next(before, _value_of(metadata, field))
+    corrections = (correction for correction in metadata.corrections if correction.field == field)
+    first = next(corrections, None)
+    return _value_of(metadata, field) if first is None else first.before
 
 
 def plain(value: Property | None) -> str | int | None:

@@ -24,15 +24,15 @@ from classify.lights.flat_field import (
     solved,
 )
 
-# Blocks along each side of the frame, and the most cells along the side of a block. Within a block
-# the light of LEDs at two fields of view departs from a plane by 0.01 %.
-BLOCKS, _CELLS = 32, 16
+# Blocks along each side of the frame, and largest number of cells along the side of a block. Within
+# a block the light of LEDs at two fields of view departs from a plane by 0.01 %.
+BLOCKS, _MAX_CELLS = 32, 16
 # Cells further from the median of their block than this multiple of its robust standard deviation
 # are dust.
 _DUST_DEVIATIONS = 4.0
 # Cells darker than this share of the bright ones are beside the sheet, as in `fall_off`.
 _MIN_BRIGHTNESS = 0.05
-# Least usable share of a block that counts.
+# Share of the cells of a block that must be usable for the block to count.
 _MIN_USABLE_SHARE = 0.5
 
 
@@ -72,12 +72,12 @@ def _of_placement(
     stack: ImageStack, full_scale: float, mask: BoolArray | None
 ) -> tuple[Array, ...]:
     """The first five fields of `PlateBlocks`, from logs to levels, without the axis S."""
-    rows, columns = (BLOCKS * min(max(side // BLOCKS, 1), _CELLS) for side in stack.shape)
+    rows, columns = (BLOCKS * min(max(side // BLOCKS, 1), _MAX_CELLS) for side in stack.shape)
     cells = (rows, columns)
     ambient = np.float32(0.0) if stack.ambient is None else stack.ambient.astype(np.float32)
-    part = np.ones(stack.shape, np.bool_) if mask is None else mask
+    sheet = np.ones(stack.shape, np.bool_) if mask is None else mask
     saturated = stack.images >= full_scale
-    good = _in_blocks(_resized(part & ~saturated.any(axis=0), cells)) > 1.0 - 1e-3
+    good = _in_blocks(_resized(sheet & ~saturated.any(axis=0), cells)) > 1.0 - 1e-3
     values = np.stack(
         [_in_blocks(_resized(image - ambient, cells)) for image in stack.images]
     ).astype(np.float64)
@@ -100,12 +100,12 @@ def _of_placement(
     count = clean.sum(axis=-1)
     means = (values * clean).sum(axis=-1) / np.maximum(count, 1)
     usable = count >= _MIN_USABLE_SHARE * clean.shape[-1]
-    inside = max(int(part.sum()), 1)
+    sheet_px = max(int(sheet.sum()), 1)
     return (
         np.where(usable, np.log(np.where(usable, means, 1.0)), 0.0),
         usable,
         relief,
-        (saturated & part).sum(axis=(1, 2)) / inside,
+        (saturated & sheet).sum(axis=(1, 2)) / sheet_px,
         np.array([np.median(light[good]) if good.any() else 0.0 for light in values]) / full_scale,
     )
 
@@ -140,16 +140,18 @@ def _median(values: Floats) -> Floats:
     return medians
 
 
-# Correlation of the grain of two placements of one sheet, as rendered in test_plate.py without
-# dust: 0.09 at most if it was rotated between them; if not, 0.73 and more for a grain of 0.5 %, and
-# lost in the noise for an even sheet. The pattern of the sensor does not rotate, but is weaker.
+# Correlation of the grain of two placements above which a sheet was not moved between them. As
+# rendered in test_plate.py without dust, a rotated sheet has at most 0.09, and a sheet with a grain
+# of 0.5 % that was not rotated 0.73 and more. That of an even sheet is lost in the noise. The
+# pattern of the sensor does not rotate with the sheet, but is weaker.
 _SAME_GRAIN_CORRELATION = 0.7
 
 
 def check_placements_differ(images: Sequence[Array]) -> None:
     """Refuse placements with the same light images: their errors are the same."""
-    for (first, one), (second, other) in combinations(enumerate(images, start=1), 2):
-        if np.array_equal(one, other):
+    numbered = enumerate(images, start=1)
+    for (first, first_images), (second, second_images) in combinations(numbered, 2):
+        if np.array_equal(first_images, second_images):
             raise InputError(
                 f"placements {first} and {second} have the same light images; rotate or move the "
                 "target between them, or give them once"
@@ -163,19 +165,21 @@ def are_moved(blocks: PlateBlocks, flat_field: FlatField) -> bool:
     # Subtract the mean of the four neighbours, and with it a smooth bias of the polynomial.
     grain, usable = uneven[:, 1:-1, 1:-1].copy(), blocks.usable[:, 1:-1, 1:-1].copy()
     for rows, columns in ((0, 1), (2, 1), (1, 0), (1, 2)):
-        near = np.s_[:, rows : rows + grain.shape[1], columns : columns + grain.shape[2]]
-        grain -= 0.25 * uneven[near]
-        usable &= blocks.usable[near]
-    for first, other in combinations(range(len(grain)), 2):
-        one, two = (grain[placement][usable[first] & usable[other]] for placement in (first, other))
-        if one @ two <= _SAME_GRAIN_CORRELATION * np.linalg.norm(one) * np.linalg.norm(two):
+        neighbour = np.s_[:, rows : rows + grain.shape[1], columns : columns + grain.shape[2]]
+        grain -= 0.25 * uneven[neighbour]
+        usable &= blocks.usable[neighbour]
+    for first, second in combinations(range(len(grain)), 2):
+        both_usable = usable[first] & usable[second]
+        a, b = grain[first][both_usable], grain[second][both_usable]
+        if a @ b <= _SAME_GRAIN_CORRELATION * np.linalg.norm(a) * np.linalg.norm(b):
             return True
     return False
 
 
-# The degree is raised while the squared error of predicting left-out parts of the frame falls below
-# this share; classify/DECISIONS.md has the errors of each degree.
-_DEGREES, _BETTER = (2, 4, 6), 0.98
+# The degree of the polynomials is raised while the squared error of predicting left-out parts of
+# the frame falls below this share of that of the lower degree (cross-validation).
+# classify/DECISIONS.md has the errors of each degree.
+_DEGREES, _MAX_ERROR_SHARE = (2, 4, 6), 0.98
 _ROUNDS = 12
 _TINY = 1e-30
 
@@ -206,9 +210,9 @@ def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
     for rows in (slice(None, -1), slice(1, None)):
         for columns in (slice(None, -1), slice(1, None)):
             covered[rows, columns] |= usable
-    coefficients[:, 0, 0] -= (powers(blocks.y, TERMS) @ coefficients @ powers(blocks.x, TERMS).T)[
-        :, usable
-    ].mean()
+    # Geometric mean 1 over the lights and the usable blocks.
+    centre_logs = powers(blocks.y, TERMS) @ coefficients @ powers(blocks.x, TERMS).T
+    coefficients[:, 0, 0] -= centre_logs[:, usable].mean()
     logs = (powers(y, TERMS) @ coefficients @ powers(x, TERMS).T)[:, covered]
     return FittedFlatField(
         FlatField(coefficients, np.stack([logs.min(axis=1), logs.max(axis=1)], axis=1)),
@@ -241,32 +245,32 @@ class _Fit:
         targets, usable = by_fold(values), by_fold(blocks.usable.astype(float))
         bases = {degree: _basis(blocks, degree) for degree in _DEGREES}
         coefficients = np.zeros((values.shape[1], TERMS, TERMS))
-        chosen = _DEGREES[0]
-        coefficients = _refined(coefficients, chosen, bases[chosen], targets, usable)
-        for degree in _DEGREES[1:]:
-            fitted = _evaluated(coefficients, chosen, bases[chosen])
+        degree = _DEGREES[0]
+        coefficients = _refined(coefficients, degree, bases[degree], targets, usable)
+        for higher in _DEGREES[1:]:
+            fitted = _evaluated(coefficients, degree, bases[degree])
             means, weights, *_ = _combined(targets - fitted, usable)
-            low, high = (prediction_error(bases[d], means, weights) for d in (chosen, degree))
-            if high > _BETTER * low:
+            error = prediction_error(bases[degree], means, weights)
+            if prediction_error(bases[higher], means, weights) > _MAX_ERROR_SHARE * error:
                 break
-            chosen = degree
-            coefficients = _refined(coefficients, chosen, bases[chosen], targets, usable)
-        fitted = _evaluated(coefficients, chosen, bases[chosen])
+            degree = higher
+            coefficients = _refined(coefficients, degree, bases[degree], targets, usable)
+        fitted = _evaluated(coefficients, degree, bases[degree])
         means, weights, offsets, scale = _combined(targets - fitted, usable)
         counts = np.maximum(usable.sum(axis=0), 1.0)
-        plain_means = ((targets - fitted - offsets[..., None, None]) * usable[:, None]).sum(
-            axis=0
-        ) / counts
+        residuals = targets - fitted - offsets[..., None, None]
+        unweighted_means = (residuals * usable[:, None]).sum(axis=0) / counts
         effective_blocks = float(weights.sum()) / max(float(weights.max()), _TINY)
-        terms = bases[chosen].shape[-1]
+        variance_share = bases[degree].shape[-1] / max(effective_blocks, 1.0)
+        # A higher degree would have reduced the squared error by less than this.
+        bias_share = 1.0 - _MAX_ERROR_SHARE
         return cls(
             coefficients,
-            chosen,
+            degree,
             scale,
-            # 1 - _BETTER: the bias that remains if the next degree is better by less than that.
-            scale * float(np.sqrt(terms / max(effective_blocks, 1.0) + 1.0 - _BETTER)),
+            scale * float(np.sqrt(variance_share + bias_share)),
             1.0 - float((weights > 0.0).sum()) / max(float((usable.sum(axis=0) > 0).sum()), 1.0),
-            _unfolded(fitted + np.where(weights > 0.0, means, plain_means)),
+            _unfolded(fitted + np.where(weights > 0.0, means, unweighted_means)),
             _unfolded(weights),
             offsets,
         )

@@ -108,6 +108,5 @@ def regions_of(defect_map: DefectMap) -> tuple[DefectRegion, ...]:
 
 
 def _kind_of(shares: dict[_Kind, float]) -> _Kind:
-    largest = max(shares, key=lambda kind: shares[kind])
-    local: _Kind = "relief" if shares["relief"] >= shares["albedo"] else "albedo"
-    return local if shares[local] > 1.0 else largest
+    spot_kind: _Kind = "relief" if shares["relief"] >= shares["albedo"] else "albedo"
+    return spot_kind if shares[spot_kind] > 1.0 else max(shares, key=lambda kind: shares[kind])

@@ -225,8 +225,8 @@ def _check_references(indices: Array, classes: int, others: dict[str, Array]) ->
     """Check that the arrays describe the same references."""
     count = indices.size
     one_dimensional = indices.ndim == others["orientations_deg"].ndim == 1
-    equal = all(other.shape[:1] == (count,) for other in others.values())
-    if count == 0 or not one_dimensional or not equal:
+    equally_long = all(other.shape[:1] == (count,) for other in others.values())
+    if count == 0 or not one_dimensional or not equally_long:
         shapes = ", ".join(str(other.shape) for other in others.values())
         raise LibraryError(
             f"{count} references, and arrays of {shapes}; the file is damaged, train it again"

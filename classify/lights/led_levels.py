@@ -43,16 +43,18 @@ _SURFACE_VARIANCE = 0.05
 _MIN_SAMPLES = 1_024
 # Standard deviation of the levels of LEDs of one type.
 _LEVEL_SPREAD = 0.05
-# A larger difference is gloss, a shadow or another direction.
+# Largest correction of a level by the redundancy. A larger difference is gloss, a shadow or a wrong
+# direction of a light.
 _MAX_CORRECTION = 0.1
-# Levels explain the residual if their correction reduces its mean square by at least the first
-# factor, to at most the second times that of noise and a matt surface.
+# Levels explain the residual if their correction divides its mean square by `_MIN_GAIN` or more,
+# and leaves at most `_MAX_MEAN_SQUARE` times that of noise and a matt surface.
 _MIN_GAIN = 1.25
 _MAX_MEAN_SQUARE = 2.0
 # Standard deviation of the mean slope of a part: that of a flat part, which lies within a degree in
 # a rig, and as a share of the spread of its slopes, for parts such as figurines.
 _MEAN_SLOPE, _MEAN_SLOPE_OF_RELIEF = 0.02, 0.3
-# Half of all residuals of pure noise are below this: 0.67 standard deviations, with a margin.
+# Median absolute residual, in standard deviations, up to which the residuals count as noise; that
+# of pure noise is 0.67.
 _MEDIAN_OF_NOISE = 0.75
 
 
@@ -75,8 +77,9 @@ def fit_levels(terms: FloatMap, noises: FloatMap, level_spread: float) -> _Level
     # Weights of 0 or 1, because copying the samples that agree takes longer.
     agreeing = np.ones(terms.shape[1])
     for _ in range(_ROUNDS):
-        energy = (agreeing * terms_64) @ terms_64.T - np.diag(noises_64 @ agreeing)
-        values, vectors = np.linalg.eigh(energy + np.eye(4) / level_spread**2)
+        # Second moments of the terms, less those of the noise.
+        moments = (agreeing * terms_64) @ terms_64.T - np.diag(noises_64 @ agreeing)
+        values, vectors = np.linalg.eigh(moments + np.eye(4) / level_spread**2)
         inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
         # The conditions for a minimum with a fixed sum: w = inverse (1 / spread^2 + multiplier).
         row_sums = inverse.sum(axis=1)
@@ -123,10 +126,10 @@ def level_corrections(
     They are those of `fit_levels` if these explain the residual, else those by which the part is
     level on average. `variance` (3,) is a, b and black of the variance a + b (value - black).
     """
-    equal = np.ones(4, np.float32)
+    no_correction = np.ones(4, np.float32)
     values, count = lit.values, lit.values.shape[1]
     if count < _MIN_SAMPLES:
-        return equal
+        return no_correction
     pinv, null = drop_one_constants(lighting, "level_corrections")
     a, b, black = variance
     noises = np.square(null * gains).astype(np.float32)[:, None] * (
@@ -135,11 +138,11 @@ def level_corrections(
     spread = np.hypot(np.sqrt(noises.sum(axis=0)), MATT * values.max(axis=0))
     terms = null.astype(np.float32)[:, None] * values / spread
     if np.count_nonzero(np.abs(terms.sum(axis=0)) < _MEDIAN_OF_NOISE) > count // 2:
-        return equal
+        return no_correction
     fit = fit_levels(terms, noises / spread / spread, _LEVEL_SPREAD)
     before, after = (
         float(np.average(np.square(factors @ terms), weights=fit.agreeing))
-        for factors in (equal, fit.factors)
+        for factors in (no_correction, fit.factors)
     )
     is_explained = after <= _MAX_MEAN_SQUARE and before >= _MIN_GAIN * after
     if is_explained and np.abs(fit.factors - 1.0).max() <= _MAX_CORRECTION:
@@ -171,10 +174,11 @@ def _levels_of_a_level_part(
     slopes = np.stack([bx, by]) / bz
     slopes -= np.median(slopes, axis=1, keepdims=True)
     relief = SIGMA_PER_MAD * np.median(np.abs(slopes), axis=1)
-    tilt = _MEAN_SLOPE**2 + _MEAN_SLOPE_OF_RELIEF**2 * float(np.square(relief).mean())
-    across = directions[:, :2] / vertical[:, None]
+    slope_variance = _MEAN_SLOPE**2 + _MEAN_SLOPE_OF_RELIEF**2 * float(np.square(relief).mean())
+    horizontal = directions[:, :2] / vertical[:, None]
+    slope_covariance = slope_variance * horizontal @ horizontal.T
     # The last term leaves a common factor of all levels open, which the images do not determine.
-    covariance = variance * np.eye(4) + tilt * across @ across.T + np.full((4, 4), 1e3)
+    covariance = variance * np.eye(4) + slope_covariance + np.full((4, 4), 1e3)
     levels: Floats = np.exp(variance * np.linalg.solve(covariance, ratios))
     return levels
 

@@ -88,8 +88,8 @@ def _checks(
     clock: StationClock,
 ) -> Iterator[Check]:
     """Check disk and database; then publish the results of parts that a killed run left behind."""
-    floor_mb, size = folder.config.disk_floor_mb, set_bytes(rig_config)
-    yield from collected("disk", lambda: check_disk(folder.path, floor_mb, size), "disk")
+    floor_mb, set_size = folder.config.disk_floor_mb, set_bytes(rig_config)
+    yield from collected("disk", lambda: check_disk(folder.path, floor_mb, set_size), "disk")
     yield from check_results(store)
     for result in finish_interrupted(folder.path, store, clock.now):
         live.publish(PartRecovered(result))

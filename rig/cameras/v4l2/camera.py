@@ -34,7 +34,8 @@ from .measurement_mode import (
 )
 from .pixel_formats import PIXEL_FORMATS, CorruptFrameError, decode
 
-# Few, so that few frames are stale after a switch; with fewer than 3, drivers lose frames.
+# Number of buffers in the queue. With more of them, more frames are stale after a switch of the
+# lights; with fewer than 3, drivers lose frames.
 _BUFFERS = 4
 _LUMA = ("YUYV", "UYVY")
 # White in the limited range is 235 (BT.601); drivers that round down stop at 234.
@@ -202,8 +203,8 @@ _PERIOD_TOLERANCE = 0.01
 class WrittenFrames:
     """Numbers the frames of ``v4l2loopback``, which has no counter, by their time stamps.
 
-    It stamps all frames again when a program claims buffers, so only stamps after `opened_s`, and
-    whole periods apart, are the writer's.
+    When a program claims buffers, the driver replaces the stamps of all frames. Stamps of the
+    writer are later than `opened_s`, and whole periods apart.
     """
 
     def __init__(self, opened_s: float, period_s: float) -> None:

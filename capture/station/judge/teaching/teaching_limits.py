@@ -19,9 +19,9 @@ _SHARE_MARGIN = 0.005
 # Ratio of the limit of unscored areas to the largest one on a good part; unscored cells are
 # clustered.
 _UNJUDGED_FACTOR = 2
-# Least relative departures of albedo and scale that exceed their limits: LEDs may fade to 85 %
+# Relative departures of albedo and scale that are always within the limits. LEDs may fade to 85 %
 # before the station stops, and parts lie at heights that differ by a hundredth of their distance.
-_MIN_ALBEDO, _MIN_SCALE = 0.15, 0.01
+_ALBEDO_MARGIN, _SCALE_MARGIN = 0.15, 0.01
 # Least handedness: half way between the taught texture, 1, and its mirror image, -1.
 _HANDEDNESS_LIMIT = 0.0
 # Largest limit of the log distance. A larger one, from three very different parts, is left out, and
@@ -39,19 +39,18 @@ def limits_of_texture(
     *,
     has_handedness: bool,
 ) -> Limits:
-    """Tolerance limits for 99 % of good parts with 95 % confidence; distances and scale are taken
-    as log-normal, all other measures as normal.
-    """
+    """Tolerance limits for 99 % of good parts, with 95 % confidence."""
+    # Distances and scale count as log-normal, and all other measures as normal.
     logs = [math.log(distance) for distance in distances if distance > 0.0]
     log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf
     lowest_sdq = max(0.0, -_limit([-sdq for sdq in sdqs]))
     albedo = statistics.fmean(albedos)
-    darker = max(0.0, min(-_limit([-value for value in albedos]), (1.0 - _MIN_ALBEDO) * albedo))
-    brighter = max(_limit(albedos), (1.0 + _MIN_ALBEDO) * albedo)
+    darkest = max(0.0, min(-_limit([-value for value in albedos]), (1.0 - _ALBEDO_MARGIN) * albedo))
+    brightest = max(_limit(albedos), (1.0 + _ALBEDO_MARGIN) * albedo)
     factor = tolerance_factor(len(albedos))
-    scale = math.exp(max(factor * scale_deviation, _MIN_SCALE))
+    scale = math.exp(max(factor * scale_deviation, _SCALE_MARGIN))
     return Limits(
-        albedo=(darker, brighter),
+        albedo=(darkest, brightest),
         scale=(1.0 / scale, scale),
         handedness=_HANDEDNESS_LIMIT if has_handedness else None,
         distance=math.exp(log_limit) if log_limit < _MAX_LOG_DISTANCE else None,
@@ -62,9 +61,7 @@ def limits_of_texture(
 
 
 def with_unjudged(limits: Limits, general: GeneralLimits, areas_px: Sequence[int]) -> Limits:
-    """Return `limits` that accept the unscored areas of all good parts, of which `areas_px` are the
-    largest.
-    """
+    """Return `limits` that accept the largest unscored area of each good part."""
     largest_px = max(areas_px, default=0)
     if largest_px <= general.unjudged_px:
         return limits
