@@ -9,7 +9,6 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -83,15 +82,9 @@ def run(station: Path, files: RecipeFolder, small_rig: Path) -> Iterator[Run]:
     assert small_rig
     approve(files, "Ada")
     configure(station, timer_s=0.3)
-    with started(station, "--port", "0") as running:
-        yield running
-
-
-@contextmanager
-def started(station: Path, *options: str) -> Iterator[Run]:
     command = [sys.executable, "-m", "capture", "station", "run", str(station), "--json"]
     with subprocess.Popen(
-        [*command, "--trigger", "timer", *options],
+        [*command, "--trigger", "timer", "--port", "0"],
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True,
     ) as process:  # fmt: skip
         assert process.stdout is not None

@@ -5,8 +5,7 @@ import shutil
 import socket
 import ssl
 import time
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, closing, suppress
 from functools import partial
 from pathlib import Path
 from typing import BinaryIO
@@ -543,42 +542,28 @@ def test_a_panel_for_other_machines_needs_https_and_users(
         pass
 
 
-@contextmanager
-def panel_with_tls(folder: Path, captured: CapturedSet) -> Iterator[RunningPanel]:
+def test_a_panel_with_tls_is_reached_by_https_alone(tmp_path: Path, captured: CapturedSet) -> None:
+    folder = tmp_path / "a"
     make_station(folder)
     for name in ("panel.crt", "panel.key"):
         shutil.copy(CERTIFICATE / name, folder)
     Users(folder).put("ada", Role.ADMINISTRATOR, PASSWORD)
     settings = PanelConfig(port=0, host="0.0.0.0", tls_cert="panel.crt", tls_key="panel.key")
-    with running_panel(folder, captured, settings) as panel:
-        yield panel
-
-
-def by_https(panel: RunningPanel) -> http.client.HTTPResponse:
     trusted = ssl.create_default_context(cafile=CERTIFICATE / "panel.crt")
-    port = urlsplit(panel.url).port
-    connection = http.client.HTTPSConnection("127.0.0.1", port, context=trusted, timeout=30)
-    try:
-        connection.request("GET", "/login")
-        answer = connection.getresponse()
-        answer.read()
-        return answer
-    finally:
-        connection.close()
-
-
-def test_a_panel_with_tls_is_reached_by_https_alone(tmp_path: Path, captured: CapturedSet) -> None:
-    with panel_with_tls(tmp_path / "a", captured) as panel:
+    with running_panel(folder, captured, settings) as panel:
         port = urlsplit(panel.url).port
         assert panel.url == f"https://0.0.0.0:{port}/"
-        answer = by_https(panel)
-        assert answer.status == 200
-        assert answer.headers["strict-transport-security"] == "max-age=31536000"
+        secure = http.client.HTTPSConnection("127.0.0.1", port, context=trusted, timeout=30)
+        with closing(secure):
+            secure.request("GET", "/login")
+            answer = secure.getresponse()
+            assert answer.status == 200
+            assert answer.headers["strict-transport-security"] == "max-age=31536000"
         plain = http.client.HTTPConnection("127.0.0.1", port, timeout=30)
-        plain.request("GET", "/login")
-        with pytest.raises((OSError, http.client.HTTPException)):
-            plain.getresponse()
-        plain.close()
+        with closing(plain):
+            plain.request("GET", "/login")
+            with pytest.raises((OSError, http.client.HTTPException)):
+                plain.getresponse()
 
 
 @pytest.mark.parametrize("text", ["", "no PEM", None])
