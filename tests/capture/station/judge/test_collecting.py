@@ -27,8 +27,12 @@ def test_a_station_without_a_recipe_collects_parts_and_passes_none(tmp_path: Pat
     folder = tmp_path / "line"
     make_station(folder)
     configure(folder)
-    with pytest.raises(InputError, match=r"no such recipe.*station run --collect"):
-        _run_without_collecting(folder)
+    live = LiveStation("line", simulated=True)
+    with (
+        station_folder(folder) as opened,
+        pytest.raises(InputError, match=r"no such recipe.*station run --collect"),
+    ):
+        run_station(opened, VIRTUAL, TimerTrigger(0.0), live)
     events = collected(folder, 2)
     results = [each.result for each in events if isinstance(each, PartAnnounced)]
     assert [(each.verdict.decision, each.verdict.reason) for each in results] == 2 * [
@@ -64,8 +68,3 @@ def test_a_run_that_collects_ends_with_status_0(ps4rig: Callable[..., Any], tmp_
     options = ("--rig", rig, "--collect", "--no-panel", "--trigger", "timer", "--parts", 1)
     ran = ps4rig("station", "run", tmp_path / "line", *options)
     assert ran.exit_code == 0
-
-
-def _run_without_collecting(folder: Path) -> None:
-    with station_folder(folder) as opened:
-        run_station(opened, VIRTUAL, TimerTrigger(0.0), LiveStation("line", simulated=True))

@@ -1,9 +1,10 @@
 """A running station takes another recipe between two parts."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -236,7 +237,8 @@ def test_a_rig_that_fails_with_the_new_recipe_is_opened_anew_with_the_old_one(
         ready(target)
         if step == "test":
             recipes.on_use = used.append
-            station.camera.test = failing_once(station)  # type: ignore[method-assign]
+            is_dead = HardwareError("a dead LED: not possible")
+            station.camera.test = Mock(side_effect=[is_dead, []])  # type: ignore[method-assign]
         refused = refusal(target)
         assert "not possible" in str(refused)
         assert refused.kind is RecipeRefusal.RIG
@@ -266,17 +268,6 @@ def test_the_asker_has_an_answer_when_the_rig_refuses_the_old_settings_too(
         assert "settings of brass" in str(asking.answer)
 
     station.run(Manual(feed))
-
-
-def failing_once(station: Bench) -> Callable[..., Any]:
-    failures = [HardwareError("a dead LED: not possible")]
-
-    def test(**_: bool) -> Any:
-        if failures:
-            raise failures.pop()
-        return station.camera.checks
-
-    return test
 
 
 def test_one_recipe_is_loaded_at_a_time(station: Bench, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -25,6 +25,7 @@ from capture.station.run.events import (
     StationStopped,
     TriggerRefused,
 )
+from capture.station.run.live_view import LiveEvent
 from capture.station.run.self_test import SelfTestFailed, check_disk
 from capture.station.run.states import State
 from capture.station.run.station_clock import StationClock
@@ -104,15 +105,12 @@ def test_a_part_is_announced_only_with_its_file_and_its_row_on_disk(station: Ben
         return add(result)
 
     station.save, station.store.add = saved, added  # type: ignore[method-assign]
-    append = station.events.append
 
-    class Events(list[Any]):
-        def append(self, event: Any) -> None:
-            if isinstance(event, PartAnnounced):
-                steps.append("announced")
-            append(event)
+    def listen(live: LiveEvent) -> None:
+        if isinstance(live.event, PartAnnounced):
+            steps.append("announced")
 
-    station.events = Events()
+    station.listen = listen
     station.run(one_after_the_other(1), count=1)
     assert steps == ["file", "row", "announced"]
 
