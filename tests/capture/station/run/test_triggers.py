@@ -19,14 +19,14 @@ class Clock:
 class SlowStation:
     """Answers its first trigger late, such as while its database is locked."""
 
-    def __init__(self, clock: Clock, late_s: float) -> None:
-        self._clock, self._late_s = clock, late_s
+    def __init__(self, clock: Clock, late_s: float, count: int = 3) -> None:
+        self._clock, self._late_s, self._count = clock, late_s, count
         self.submitted_s: list[float] = []
         self.refused: list[str] = []
 
     @property
     def is_stopping(self) -> bool:
-        return len(self.submitted_s) == 3
+        return len(self.submitted_s) == self._count
 
     def wait_until_ready(self, timeout_s: float) -> bool:
         return timeout_s > 0.0
@@ -59,13 +59,7 @@ def test_the_timer_keeps_its_period_after_a_late_answer(
 
 def test_periods_that_passed_before_a_stop_are_refused() -> None:
     clock = Clock()
-
-    class Stopped(SlowStation):
-        @property
-        def is_stopping(self) -> bool:
-            return len(self.submitted_s) == 1
-
-    station = Stopped(clock, 0.35)
+    station = SlowStation(clock, 0.35, count=1)
     TimerTrigger(0.1, clock.now_s).run(station)  # type: ignore[arg-type]
     assert station.refused == ["late: 3 periods of the timer have passed"]
 
@@ -76,7 +70,7 @@ def test_a_timer_whose_refusals_take_longer_than_its_period_still_triggers() -> 
     class SlowRecords(SlowStation):
         @property
         def is_stopping(self) -> bool:
-            return len(self.submitted_s) == 3 or len(self.refused) == 50
+            return super().is_stopping or len(self.refused) == 50
 
         def refuse(self, trigger: Trigger, reason: str) -> Refused:
             self.counted_until_s = clock.s
