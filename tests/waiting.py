@@ -31,6 +31,11 @@ class Gate:
         self._reached.set()
         assert self._opened.wait(_PATIENCE_S), "nobody opened it"
 
+    @property
+    def is_reached(self) -> bool:
+        """Whether a thread was held up."""
+        return self._reached.is_set()
+
     def until_reached(self) -> None:
         """Wait until a thread is held up."""
         assert self._reached.wait(_PATIENCE_S), "nobody came"

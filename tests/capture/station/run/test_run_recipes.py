@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
@@ -112,22 +113,16 @@ def test_the_light_of_the_recipe_is_that_of_the_rig(
     files: RecipeFolder,
     store: ResultStore,
 ) -> None:
-    opened_times = 0
-
-    class Watched(StationRig):
-        def open(self) -> None:
-            nonlocal opened_times
-            opened_times += 1
-            super().open()
-
-    rig = Watched(opened.config, SMALL_RIG, recipes.present.inspector)
+    rig = StationRig(opened.config, SMALL_RIG, recipes.present.inspector)
+    opening = Mock(wraps=rig.open)
+    rig.open = opening  # type: ignore[method-assign]
     rig.open()
     RunRecipes(opened, loader, store, rig, recipes.present).use(recipes.present)
-    assert opened_times == 1  # the settings are the same
+    assert opening.call_count == 1  # the settings are the same
     recipe = read_recipe(files.file)
     other = type(recipe).model_validate(recipe.model_dump() | {"light": {"exposure_ms": 12.0}})
     rig.use(Collector(other))
-    assert opened_times == 2
+    assert opening.call_count == 2
     camera = rig.capture(1)[0].metadata.camera
     rig.close()
     assert camera.exposure_ms == 12.0
