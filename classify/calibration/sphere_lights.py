@@ -67,14 +67,15 @@ def mirror_directions(
     normals, views = sphere.surface_at(columns, rows)
     reflected = 2.0 * (normals * views).sum(axis=1)[:, None] * normals - views
     shape = (int(rows.max()) - top + 1, int(columns.max()) - left + 1)
+    at = rows - top, columns - left
     directions, errors, points, doubts = [], [], [], []
     for light in range(len(values)):
         background = _background([*np.delete(values, light, axis=0), *dark_images], values[light])
         change = values[light] - background
-        share, threshold = _lit_share(values[light], background, light)
+        share, threshold = _lit_share(values[light], background, light, at)
         is_lit = np.zeros(shape, np.bool_)
-        is_lit[rows - top, columns - left] = share > threshold
-        labels = ndimage.label(is_lit, np.ones((3, 3)))[0][rows - top, columns - left]
+        is_lit[at] = share > threshold
+        labels = ndimage.label(is_lit, np.ones((3, 3)))[0][at]
         highlights = [
             _Highlight.of(pixels, change, share - threshold, reflected)
             for number in range(1, int(labels.max()) + 1)
@@ -124,7 +125,9 @@ def _background(others: Sequence[Floats], values: Floats) -> Floats:
     return np.asarray(np.median(others, axis=0) if len(others) > 2 else np.min(others, axis=0))
 
 
-def _lit_share(values: Floats, background: Floats, light: int) -> tuple[Floats, float]:
+def _lit_share(
+    values: Floats, background: Floats, light: int, at: tuple[Indices, Indices]
+) -> tuple[Floats, float]:
     """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight."""
     change = values - background
     highest = float(change.max())
@@ -137,12 +140,22 @@ def _lit_share(values: Floats, background: Floats, light: int) -> tuple[Floats, 
             f"light image {light} has no highlight on the sphere that the others lack; is it a "
             "polished sphere, and does each light image have its own light?"
         )
-    bright = values[change >= 0.5 * highest]
+    is_changed = change > _MIN_CHANGE * noise + middle
+    core = change >= 0.5 * highest
+    # On a bright reflection of the room a clipped highlight changes less than beside it.
+    bright = values[_connected(core, is_changed & (values >= values[core].max()), at)]
     is_clipped = (bright == bright.max()).sum() > 1
     share = change / (np.maximum(bright.max() - background, 1e-9) if is_clipped else highest)
-    is_changed = change > _MIN_CHANGE * noise + middle
     threshold = _CLIPPED_HIGHLIGHT if is_clipped else _HIGHLIGHT
     return np.where(is_changed, np.clip(share, 0.0, 1.0), 0.0), threshold
+
+
+def _connected(core: BoolArray, others: BoolArray, at: tuple[Indices, Indices]) -> BoolArray:
+    """Pixels of `core`, and of `others` that are connected with it."""
+    grid = np.zeros((int(at[0].max()) + 1, int(at[1].max()) + 1), np.bool_)
+    grid[at] = core | others
+    labels = ndimage.label(grid, np.ones((3, 3)))[0][at]
+    return np.asarray(np.isin(labels, labels[core]))
 
 
 # Share of the radius that is used. Near the outline its error changes the normal most: 0.2 px of
