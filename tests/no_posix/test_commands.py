@@ -12,10 +12,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
-
-from capture import CapturedSet
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
@@ -119,30 +116,6 @@ def test_sets_are_captured_analysed_and_exported(ran: Ran, tmp_path: Path) -> No
     for command, answer in commands.items():
         assert answer in ran(command), command
     assert not [name for name in names(tmp_path) | names(tmp_path / "sets") if name[0] == "."]
-
-
-def test_lists_of_lights_name_files_with_drives_and_backslashes(ran: Ran, tmp_path: Path) -> None:
-    ran("capture --rig rig.toml one.ome.tif")
-    ran("export one.ome.tif lights")
-    folder = tmp_path / "lights"
-    count, *lines = (folder / "lights.lp").read_text().splitlines()
-    listed = [line.split(" ", 1) for line in lines]
-    there = "D:\\my photos\\"
-    (folder / "windows.lp").write_text(
-        "\r\n".join([count, *(f"{there}{name} {vector}" for name, vector in listed)])
-    )
-    entries = [
-        {"file": there + name, "direction": [*map(float, vector.split()[:3])]}
-        for name, vector in listed
-    ]
-    (folder / "windows.json").write_text(json.dumps({"images": entries}))
-    options = "--bits 12 --ambient lights/ambient.tif"
-    first = CapturedSet.load(tmp_path / "one.ome.tif")
-    for ending in ("lp", "json"):
-        ran(f"import --lights lights/windows.{ending} {options} {ending}.ome.tif")
-        again = CapturedSet.load(tmp_path / f"{ending}.ome.tif")
-        assert np.array_equal(again.images, first.images)
-        assert [each.source_file for each in again.metadata.images[:4]] == [n for n, _ in listed]
 
 
 @pytest.mark.slow

@@ -25,17 +25,6 @@ def test_pixels_of_another_shape_or_type_are_refused(made_set: Callable[..., Cap
             CapturedSet(images, wrong, good.metadata)
 
 
-def test_solving_subtracts_the_ambient_light(rig: Rig) -> None:
-    captured = capture_set(rig)
-    assert rig.simulation is not None
-    truth = rig.simulation.camera.scene
-    surface = captured.solve("least_squares")
-    lit = surface.valid & ~truth.shadowed.any(axis=0)
-    assert lit.mean() > 0.3
-    for found, true in ((surface.p, truth.p), (surface.q, truth.q)):
-        assert np.corrcoef(found[lit], true[lit])[0, 1] > 0.99
-
-
 @pytest.mark.parametrize("method", ["ps4", "ps4_robust", "least_squares"])
 def test_nothing_is_valid_or_in_shadow_outside_the_mask(
     rig: Rig, made_set: Callable[..., CapturedSet], method: Method

@@ -300,11 +300,6 @@ def test_the_depth_is_guessed_from_the_largest_value(
     assert all(f"value is {largest << shift};" in e for e in said)
 
 
-def test_black_images_are_rejected_as_dark(four: Photographs) -> None:
-    with pytest.raises(SetRejected, match="--accept dark"):
-        stored(four(np.zeros(SHAPE, np.uint16), ".tif"))
-
-
 def test_saturation_is_that_of_the_given_depth(four: Photographs) -> None:
     """A pixel of 12-bit data in a file of 16 bits was never saturated."""
     image = np.full(SHAPE, 900, np.uint16)

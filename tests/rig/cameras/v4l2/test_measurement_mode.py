@@ -159,13 +159,6 @@ def test_a_control_that_keeps_its_value_is_named(control_id: int) -> None:
         set_measurement_mode(FakeCamera(knobs), config(gain=0, gamma=100))
 
 
-def test_an_exposure_out_of_range_is_refused_in_ms() -> None:
-    with pytest.raises(CameraError, match=r"exposure_ms = 300 .* 0\.3 to 204\.7 ms"):
-        set_measurement_mode(
-            FakeCamera(usual_knobs()), config(exposure_ms=300.0, frame_rate_hz=1.0)
-        )
-
-
 def test_a_camera_without_manual_exposure_is_refused() -> None:
     knobs = usual_knobs()
     del knobs[AUTO].menu[abi.EXPOSURE_MANUAL]
@@ -259,14 +252,6 @@ def test_the_exposure_changes_within_the_range_of_its_control() -> None:
     check_measurement_mode(camera, changed)
     with pytest.raises(ControlError, match=r"takes 0\.3 to 204\.7 ms"):
         set_exposure(camera, changed, 300.0)
-
-
-def test_an_exposure_that_is_not_kept_is_an_error() -> None:
-    camera = FakeCamera(usual_knobs())
-    mode = set_measurement_mode(camera, config(exposure_ms=20.0))
-    camera.knobs[TIME].stubborn = True
-    with pytest.raises(ControlError, match="exposure_time_absolute"):
-        set_exposure(camera, mode, 5.0)
 
 
 def test_a_fixed_exposure_has_no_range() -> None:
