@@ -15,13 +15,11 @@ from rig import (
     CameraError,
     Frame,
     FrameFlag,
-    LightControllerError,
     Placement,
     Rig,
     RigConfig,
     open_rig,
 )
-from rig.lights.link import LinkTimeouts
 from rig.set_file import pixels_sha256
 from tests.changed_frames import with_frames
 
@@ -260,22 +258,6 @@ def test_a_second_attempt_follows_a_tripped_watchdog(rig: Rig) -> None:
 
     (cause,) = capture_set(under(rig, 1, hang)).metadata.failed_attempts
     assert re.search(r"LED \d should be lit.*Watchdog", cause)
-
-
-def test_an_unplugged_controller_is_an_error(small_config: RigConfig, led_outputs: Outputs) -> None:
-    with open_rig(small_config, timeouts=LinkTimeouts(recover_s=0.3)) as rig:
-        select, unplug = rig.lights.select, rig.simulation.unplug_lights
-
-        def select_until_unplugged(led: int) -> object:
-            if led == 3:
-                unplug()
-            return select(led)
-
-        rig.lights.select = select_until_unplugged  # type: ignore[assignment,method-assign]
-        with pytest.raises(LightControllerError, match="controller is gone") as caught:
-            capture_set(rig)
-        assert caught.value.exit_status == 3
-        assert led_outputs(rig) == [0.0] * 4
 
 
 @pytest.mark.parametrize("led", [None, 0, 1, 3])
