@@ -13,6 +13,28 @@ from classify.methods import METHODS
 # An option with one meaning in this many commands is explained once.
 _SHARED = 2
 _METHODS = ", ".join(METHODS)
+# Options whose name, value and default say what they mean.
+_PLAIN = frozenset(
+    {
+        "--classes N",
+        "--crop X,Y,W,H",
+        "--diameter-mm X",
+        "--host TEXT",
+        "--led N",
+        "--level PERCENT",
+        "--lights N",
+        "--operator TEXT",
+        "--out DIR",
+        "--port N",
+        "--port PORT",
+        "--reason TEXT",
+        "--recipe NAME",
+        "--recipe TEXT",
+        "--seed N",
+        "--square-mm X",
+        "--workers N",
+    }
+)
 _INTRODUCTION = f"""\
 # Commands of ps4rig
 
@@ -110,7 +132,7 @@ def _options(command: Any) -> Iterator[Option]:
             value = each.metavar or "|".join(_choices(hint)) or _placeholder(hint)
             names = "/".join([*each.opts, *each.secondary_opts])
             name = f"{names} {value}{' ...' * bool(each.multiple)}".strip()
-            yield Option(name, _meaning(each), _default(each))
+            yield Option(name, "" if name in _PLAIN else _meaning(each), _default(each))
 
 
 def _argument(argument: Any) -> str:
