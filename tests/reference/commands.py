@@ -25,8 +25,7 @@ _PLAIN = frozenset(
         "--lights N",
         "--operator TEXT",
         "--out DIR",
-        "--port N",
-        "--port PORT",
+        "--out PAGE.html",
         "--reason TEXT",
         "--recipe NAME",
         "--recipe TEXT",
@@ -87,16 +86,16 @@ def _shared(options: Mapping[str, list[Option]]) -> dict[tuple[str, str], str]:
 def _distinguished(
     shared: Mapping[tuple[str, str], str], options: Mapping[str, list[Option]]
 ) -> Iterator[Option]:
-    """Yield the shared options; one of several meanings names the commands of each."""
-    names = Counter(name for name, _ in shared)
+    """Yield the shared options; one of several meanings or values names its commands."""
+    uses = Counter(name.split()[0] for name, _ in shared)
     for key, default in shared.items():
         name, meaning = key
-        if names[name] > 1:
+        if uses[name.split()[0]] > 1:
             users = [
                 command for command, own in options.items() if key in {option.key for option in own}
             ]
             groups = dict.fromkeys(command.split()[0] for command in users)
-            meaning = f"of {', '.join(groups)}: {meaning[0].lower()}{meaning[1:]}"
+            meaning = f"of {', '.join(groups)}" + (f": {meaning}" if meaning else "")
         yield Option(name, meaning, default)
 
 
