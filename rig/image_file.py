@@ -144,9 +144,8 @@ def _jpeg(content: bytes) -> _Decoded:
 
 
 def _png(content: bytes) -> _Decoded:
-    """Check all chunks and the declared size, then decode the critical chunks only: the others
-    change no pixel, and libpng warns of some.
-    """
+    """Check all chunks and the declared size, then decode the critical chunks only."""
+    # The others change no pixel, and libpng warns of some.
     import imagecodecs
     from PIL.PngImagePlugin import PngImageFile
 

@@ -15,9 +15,9 @@ _ENDING = [
 
 @contextmanager
 def signals_held_back() -> Iterator[None]:
-    """Hold back signals that end a program until the block ends, by their handlers: the kernel
-    delivers a masked one to another thread, and Python runs it here.
-    """
+    """Hold back signals that end a program until the block ends."""
+    # By their handlers: the kernel delivers a masked signal to another thread, and Python runs its
+    # handler here.
     if threading.current_thread() is not threading.main_thread():
         yield  # Python runs handlers in the main thread only
         return

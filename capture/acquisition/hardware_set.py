@@ -113,9 +113,8 @@ _POLL_S = 0.001
 
 
 def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) -> list[SetImage]:
-    """Capture ambient and light images as means of `average` sequences; that of `part` is running
-    already.
-    """
+    """Capture ambient and light images as means of `average` sequences."""
+    # The sequence of `part` is running already.
     plan = rig.config.sequence_plan
     if plan is None:
         raise ValueError("the rig is synchronised by software")

@@ -21,9 +21,8 @@ def chart_axes(
     width_in: float = CHART_WIDTH_IN,
     margins_in: tuple[float, float, float, float] | None = None,
 ) -> tuple[Figure, Axes]:
-    """Return an empty figure and axes with margins left, right, top, bottom; without them
-    matplotlib measures all texts, in twice the time.
-    """
+    """Return an empty figure, and axes with margins left, right, top and bottom."""
+    # Without given margins, matplotlib measures all texts, which takes twice the time.
     # Without pyplot: it would look for a window system and keep every figure in memory.
     from matplotlib.figure import Figure
 

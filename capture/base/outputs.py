@@ -24,8 +24,9 @@ def escaped(text: str) -> str:
 def check_output(
     path: Path, *, suffix: str, inputs: Iterable[Path] = (), force: bool = False
 ) -> None:
-    """Check that a command may write `path`, which must end in `suffix`, is none of `inputs`, and
-    exists only with `force`.
+    """Check that a command may write to `path`.
+
+    It must end in `suffix`, and be none of `inputs`. With `force` it may exist.
     """
     if not path.name.endswith(suffix):
         raise InputError(f"{path}: the name of the output must end in {suffix}")

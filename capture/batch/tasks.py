@@ -116,8 +116,10 @@ def classify_set(
     method: Method | None = None,
     calibration: Path | None = None,
 ) -> ClassifiedSet:
-    """Classify a set, solved by `method`, or by that of the library if it suits the number of
-    lights, or by the default.
+    """Classify a set that is solved by `method`.
+
+    None stands for the method of the library if that suits the number of lights, and else for the
+    default of these lights.
     """
     loaded = LoadedSet.of(path, calibration)
     captured, metadata = loaded.captured, loaded.captured.metadata

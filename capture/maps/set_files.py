@@ -18,8 +18,9 @@ _LIGHTS, _AMBIENT, _MASK = "lights.lp", "ambient.tif", "mask.tif"
 
 
 def write_light_folder(captured: CapturedSet, folder: Path) -> str:
-    """Write the camera's pixel values and light directions; return the quoted options with which
-    `ps4rig import` reads them back.
+    """Write the camera's pixel values and light directions.
+
+    Returns the quoted options with which ``ps4rig import`` reads them back.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise InputError(f"{folder}: exists and is not empty; choose another name")

@@ -79,9 +79,8 @@ def images_of_sets(sets: Sequence[CapturedSet], file: CalibrationFile) -> list[S
 
 
 def _corrected(sphere: SphereImages, setting: Setting, file: CalibrationFile) -> SphereImages:
-    """Correct light images by the calibration, and by the vignetting of its flat field, which would
-    change the directions from a matt sphere.
-    """
+    """Correct light images by the calibration, and by the vignetting of its flat field."""
+    # Vignetting would change the directions from a matt sphere.
     parts = {
         name: getattr(file.calibration, name)
         for name in _IMAGE_PARTS

@@ -163,8 +163,9 @@ _MIN_EXPOSURE_MS = 0.01
 
 
 def find_exposure_ms(config: RigConfig) -> float:
-    """Find an exposure in ms that `rate_exposure` calls good, from that of `config`; for a dark
-    specimen, the longest that the camera allows.
+    """Find an exposure in ms that `rate_exposure` calls good, from that of `config`.
+
+    For a dark specimen, it is the longest that the camera allows.
     """
     listed = [] if config.is_simulated else list_cameras()
     exposure_ms = config.camera.exposure_ms

@@ -42,8 +42,10 @@ def find_sets(places: Sequence[Path]) -> list[Path]:
 
 
 def output_folders(places: Sequence[Path], output: Path) -> dict[Path, Path]:
-    """A folder for the results of each captured set: `output` for a single file, else a path below
-    it as below the common folder.
+    """Return a folder for the results of each captured set.
+
+    For a single file, it is `output`. For others, it is a path below `output` like that of the set
+    below the common folder.
     """
     sets = find_sets(places)
     if len(sets) == 1 and sets == list(places):

@@ -193,8 +193,9 @@ class DarkFrames:
 
 
 def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> DarkFrames:
-    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered; `lit`
-    frames under LEDs are rejected if they are brighter.
+    """Measure offset, noise and hot pixels from (F, H, W) frames with the lens covered.
+
+    `lit` are frames under the LEDs. They are rejected if they are brighter.
     """
     if len(frames) < 2 or frames.dtype not in (np.uint8, np.uint16):
         count = "one frame" if len(frames) == 1 else f"{len(frames)} frames"

@@ -191,9 +191,9 @@ class DriftModel:
         return Explanation(tuple(with_parameters), levels, brightness, slope, residual, unevenness)
 
     def _nuisances(self) -> Iterator[Floats]:
-        """Yield the changes (N B,) by one standard deviation of every nuisance, which need no
-        cause. `_explanation` relies on their order: brightness, slopes, levels, others.
-        """
+        """Yield the change (N B,) by one standard deviation of each nuisance."""
+        # Nuisances need no cause. `_explanation` relies on their order: brightness, slopes, levels,
+        # others.
         x, y, one = self._x, self._y, np.ones_like(self._x)
         along_x, along_y = self._tangents.T[..., None]
         all_lights = np.ones((len(self.positions), 1))

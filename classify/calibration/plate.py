@@ -171,9 +171,8 @@ def _why_unknown(positions: LedPositions) -> str:
 
 
 def _tilts_deg(offsets: Floats, lighting: Lighting) -> Floats:
-    """(S,) tilts of the sheet from (S, N) changes of log brightness: a sheet of slopes a is
-    1 - a . l_xy / l_z times as bright under a light.
-    """
+    """(S,) tilts of the sheet, from (S, N) changes of log brightness."""
+    # A sheet of slopes a is 1 - a . l_xy / l_z times as bright under a light.
     tangents = lighting.directions[:, :2] / lighting.directions[:, 2:]
     centred = tangents - tangents.mean(axis=0)
     slopes = np.linalg.lstsq(
@@ -185,9 +184,8 @@ def _tilts_deg(offsets: Floats, lighting: Lighting) -> Floats:
 def _checked_tilt_deg(
     tilts_deg: Floats, fitted: FittedFlatField, measured: Lighting | None, configured: Lighting
 ) -> float:
-    """Check the tilts; return the tilt that all placements share, estimated from the difference of
-    the measured and the configured lights.
-    """
+    """Check the tilts, and return the tilt that all placements share."""
+    # It is estimated from the difference of the measured and the configured lights.
     if tilts_deg.max() > _MAX_TILT_DEG:
         raise CalibrationRejected(
             f"the sheet is tilted by {tilts_deg.max():.1f} degrees; lay it flat, to "

@@ -57,8 +57,10 @@ class _Highlight(NamedTuple):
 def mirror_directions(
     images: Array, sphere: Sphere, ambient: Array | None = None
 ) -> tuple[Floats, Floats, Floats, list[str]]:
-    """Directions of lights (N, 3) from a mirror sphere: l = 2 (n . v) n - v, mean over the
-    highlight. Also their errors in degrees, reflecting points (N, 3) and doubts.
+    """Directions of lights (N, 3) from the highlights of a mirror sphere.
+
+    They are the means of l = 2 (n . v) n - v over each highlight. Returns also their errors in
+    degrees, the reflecting points (N, 3), and doubts.
     """
     rows, columns = sphere.pixels(_USED_RADIUS)
     top, left = int(rows.min()), int(columns.min())
@@ -190,9 +192,10 @@ _WORST_RESIDUAL = 0.12
 def matte_directions(
     images: Array, sphere: Sphere, full_scale: float, vignetting: float | None = None
 ) -> tuple[Floats, Floats, Floats, float]:
-    """Directions of lights (N, 3) from the shading of a matt sphere: a cubic in n . l times the
-    vignetting, whose loss in the corners is fitted if None. Also errors in degrees, levels and
-    residual.
+    """Directions of lights (N, 3) from the shading of a matt sphere.
+
+    The shading is a cubic in n . l times the vignetting, whose loss in the corners is fitted if it
+    is None. Returns also errors in degrees, levels and residual.
     """
     rows, columns = sphere.pixels(_SHADED_SHARE)
     stride = -(-len(rows) // _MAX_PIXELS)

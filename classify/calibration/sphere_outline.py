@@ -163,8 +163,10 @@ def _scaled(circle: Circle, factor: float) -> Circle:
 
 
 def _features(images: Array, *, is_mirror: bool) -> list[FloatMap]:
-    """Roots of mean, largest and smallest value over the lights, and their brighter to darker half,
-    in which the albedo of the background cancels.
+    """Square roots of the mean, largest and smallest value over the lights.
+
+    For a mirror sphere also the log ratio of the brighter to the darker half of the lights, in
+    which the albedo of the background cancels.
     """
     planes = (images.mean(axis=0, dtype=np.float32), images.max(axis=0), images.min(axis=0))
     top = max(float(image.max()) for image in planes) or 1.0
@@ -305,9 +307,8 @@ def _nearness(distances: Floats, tolerance: float) -> Floats:
 
 
 def _scores(points: Floats, weights: Floats, circles: Floats, tolerance: float) -> Floats:
-    """Scores of circles: share of the circumference with edges, less half of the share with edges
-    just outside; 1 for edges all around.
-    """
+    """Scores of circles: 1 for edges around the whole circumference."""
+    # Share of the circumference with edges, less half of the share with edges just outside.
     distances = _signed_distances(points, circles)
     on = (weights * _nearness(distances, tolerance)).max(axis=2)
     is_outside = (distances > tolerance) & (distances < 8.0 * tolerance)

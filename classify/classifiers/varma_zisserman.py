@@ -66,9 +66,8 @@ def mr8_filters() -> FloatMap:
 
 
 def mr8_responses(image: npt.NDArray[np.generic]) -> FloatMap:
-    """(8, H - 48, W - 48) float32 MR8 responses to an (H, W) image, R scaled to R log(1 + |R| /
-    0.03) / |R| (Weber's law).
-    """
+    """(8, H - 48, W - 48) float32 MR8 responses to an (H, W) image."""
+    # A response R is scaled to R log(1 + |R| / 0.03) / |R| (Weber's law).
     normal = _normalised(image)
     rows, columns = (side - 2 * _MARGIN for side in normal.shape)
     responses = np.empty((_RESPONSES, rows, columns), dtype=np.float32)

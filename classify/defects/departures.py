@@ -171,8 +171,9 @@ class GoodCells:
 
     @classmethod
     def of(cls, parts: Sequence[FloatMap]) -> Self:
-        """Choose the centres by farthest-first traversal (Gonzalez 1985), from the (n, d)
-        statistics of the cells of every part.
+        """Choose the centres by farthest-first traversal (Gonzalez 1985).
+
+        The statistics are (n, d) values of the cells of every part.
         """
         moments = np.sum([moment_sums(part) for part in parts], axis=0)
         moments = moments / moments[0, 0]
@@ -214,9 +215,8 @@ def moment_sums(samples: FloatMap) -> MomentSums:
 
 
 def unlike_halves(sums: Sequence[MomentSums]) -> tuple[list[int], list[int]]:
-    """Split two or more parts at the median of the first principal component of their mean
-    statistics; parts of one batch are too similar for leave-one-out.
-    """
+    """Split two or more parts at the median of their first principal component."""
+    # Parts of one batch are too similar for leave-one-out.
     total = np.sum(sums, axis=0)
     total = total / total[0, 0]
     deviations = np.sqrt(np.maximum(np.diag(total)[1:] - total[0, 1:] ** 2, 1e-12))

@@ -158,8 +158,10 @@ def threshold_strengths(
     strongest: float,
     steps: int,
 ) -> Floats:
-    """Strength at which the score reaches 1 in each of `count` places, by bisection and a last
-    interpolation; infinity where the strongest defect is not found.
+    """Strength at which the score reaches 1, in each of `count` places.
+
+    It is found by bisection and a last interpolation, and is infinite where the strongest defect is
+    not found.
     """
 
     def logs(strengths: Floats) -> Floats:

@@ -34,8 +34,9 @@ _STRIP = 64
 def line_response(
     field: FloatMap, cell: int, orientation_deg: float, weights: FloatMap
 ) -> FloatMap:
-    """(h, w) largest absolute sums along lines in the cells of an (h cell, w cell) field, times
-    weights (DIRECTIONS * LENGTHS,); directions of weight 0 take no time.
+    """(h, w) largest absolute sums along lines in the cells of an (h cell, w cell) field.
+
+    The sums are multiplied by weights (DIRECTIONS * LENGTHS,). Directions of weight 0 take no time.
     """
     rows, columns = (side // cell for side in field.shape)
     highest = np.empty((rows, columns), np.float32)

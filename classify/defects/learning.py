@@ -60,9 +60,10 @@ def tile_maxima(response: FloatMap, valid: npt.NDArray[np.bool_]) -> Floats:
 
 
 def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
-    """Limits (m,) that a share `false_alarm_rate` of good parts exceeds, from (parts, m, tiles)
-    maxima, by a generalised Pareto tail fitted with probability-weighted moments (Hosking and
-    Wallis 1987).
+    """Limits (m,) that a share `false_alarm_rate` of good parts exceeds.
+
+    They are from the (parts, m, tiles) maxima, by a generalised Pareto tail that is fitted with
+    probability-weighted moments (Hosking and Wallis 1987).
     """
     parts, count, _ = maxima.shape
     ordered = np.sort(np.moveaxis(maxima, 1, 0).reshape(count, -1))
@@ -196,9 +197,9 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Observation:
-    """Spectrum of a good part; its mean tile maxima and the statistics of its cells, whitened by
-    the spectrum of the other half of the parts.
-    """
+    """Spectrum of a good part, its mean tile maxima, and the statistics of its cells."""
+
+    # The maxima and the statistics are whitened by the spectrum of the other half of the parts.
 
     spectrum: Spectrum
     scales: npt.NDArray[np.float64]

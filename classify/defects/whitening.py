@@ -101,8 +101,10 @@ def mean_spectrum(spectra: Sequence[Spectrum]) -> Spectrum:
 def white_spectra(
     fields: PartFields, gains: FloatMap, orientation_deg: float
 ) -> tuple[tuple[HalfSpectrum, HalfSpectrum], tuple[HalfSpectrum, HalfSpectrum]]:
-    """Half spectra of relief and albedo of a part at `orientation_deg`, divided by the root of
-    their power, and by their power; raised and bright places are positive.
+    """Half spectra of relief and albedo of a part at `orientation_deg`, in two versions.
+
+    They are divided by the root of their power, and by their power. Raised and bright places are
+    positive.
     """
     shape = fields.p.shape
     p, q, a = map_in_threads(scipy.fft.rfft2, [fields.p, fields.q, fields.albedo])

@@ -87,10 +87,10 @@ def light_agreement(
     full_scale: float,
     noise: SensorNoise | None,
 ) -> LightAgreement:
-    """Compare (4, H, W) images by the redundancy residual sum_k nul_k i_k, after a fit of the LED
-    levels.
+    """Compare (4, H, W) images by the redundancy residual sum_k nul_k i_k.
 
-    A residual beyond noise in some rows or columns shows torn, mixed or wrong frames.
+    The LED levels are fitted first. A residual beyond noise in some rows or columns shows torn,
+    mixed or wrong frames.
     """
     _, null = drop_one_constants(lighting, "light_agreement")
     rows, columns = images.shape[1:]
@@ -194,9 +194,8 @@ def _weigh(
     squares: FloatMap, variance: FloatMap, full_scale: np.float32,
     noises: FloatMap, lit: BoolArray,
 ) -> None:  # fmt: skip
-    """Replace `values` (4, R, C) by the terms of the residual; write their variances `noises`, and
-    `lit`. The variance of a value is `squares` (4,) times a + b (value - black).
-    """
+    """Replace `values` (4, R, C) by the terms of the residual; write their variances and `lit`."""
+    # The variance of a value is `squares` (4,) times a + b (value - black).
     rows, columns = dark.shape
     a, b, black = variance
     zero, quarter, tiny = np.float32(0.0), np.float32(0.25), np.float32(1e-6)

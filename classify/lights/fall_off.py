@@ -307,9 +307,8 @@ def _positions(count: int) -> Indices:
 
 
 def _excludes_relief(lighting: Lighting, means: Floats, weights: Floats) -> bool:
-    """Whether relief cannot explain the residuals: it cancels in redundant combinations of four
-    lights.
-    """
+    """Whether relief cannot explain the residuals."""
+    # Relief cancels in redundant combinations of four lights.
     directions = lighting.directions / lighting.directions[:, 2:]
     cancelling = np.linalg.svd(directions.T)[2][3:]
     redundant = np.tensordot(cancelling, means, 1)

@@ -67,9 +67,7 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
 def _halve(
     p: Array, q: Array, albedo: Array, planes: Array, moments: Array, first: int, stop: int
 ) -> None:
-    """Write the means of 2 x 2 pixels to `planes`, and the energies of the pixels' differences from
-    them to `moments`, for rows of cells.
-    """
+    """Write the means of 2 x 2 pixels to `planes`, and to `moments` the energies of the rest."""
     cell = CELL_PX // 2
     columns = planes.shape[2]
     quarter, zero = np.float32(0.25), np.float32(0.0)
@@ -107,9 +105,8 @@ def _sum_products(
     p: Array, q: Array, a: Array, smooth_p: Array, smooth_q: Array, smooth_a: Array,
     moments: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
-    """Write the products of one octave, the difference of two levels of the pyramid, for rows of
-    cells.
-    """
+    """Write the products of one octave for rows of cells."""
+    # An octave is the difference of two levels of the pyramid.
     columns = p.shape[1]
     cell = columns // moments.shape[1]
     zero, two = np.float32(0.0), np.float32(2.0)
@@ -174,8 +171,9 @@ def coarser(moments: FloatMap) -> FloatMap:
 
 
 def window_moments(moments: FloatMap, cells: int) -> FloatMap:
-    """(h, w, MOMENTS) means over windows of `cells` x `cells`, which overlap by half; a margin at
-    the right and lower side may be left out.
+    """(h, w, MOMENTS) means over windows of `cells` x `cells`, which overlap by half.
+
+    A margin at the right and lower side may be left out.
     """
     means = cv2.blur(moments, (cells, cells), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE)
     rows, columns = (side - cells + 1 for side in moments.shape[:2])
@@ -184,8 +182,10 @@ def window_moments(moments: FloatMap, cells: int) -> FloatMap:
 
 
 def window_features(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> FloatMap:
-    """(n, FEATURES) float32 in the frame of the texture: log rms of slopes and log albedo, second
-    and fourth harmonics of slopes by octave, mean log albedo and slope.
+    """(n, FEATURES) float32 features of windows, in the frame of the texture.
+
+    They are the log rms of slopes and of log albedo, the second and fourth harmonics of the slopes
+    by octave, and the mean log albedo and slope.
     """
     flat = np.moveaxis(moments.reshape(-1, MOMENTS) + floors, -1, 0)
     half = np.float32(0.5)

@@ -122,9 +122,8 @@ def _curvature(
 def _fitted_planes(
     weight: FloatMap, fields: tuple[FloatMap, ...], scale_px: float, reach: int
 ) -> list[tuple[FloatMap, FloatMap, FloatMap]]:
-    """Value, x and y slope of the weighted least squares plane around each pixel of fields that are
-    0 at weight 0.
-    """
+    """Value, x and y slope of the weighted least squares plane around each pixel."""
+    # The fields are 0 at weight 0.
     offset = np.arange(-reach, reach + 1, dtype=np.float32)
     g0 = np.exp(-0.5 * (offset / np.float32(scale_px)) ** 2)
     g0 /= g0.sum()

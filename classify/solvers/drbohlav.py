@@ -59,9 +59,9 @@ def _drop_inconsistent(
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
     dropped: Array, highlights: Array,
 ) -> None:  # fmt: skip
-    """Solve rows without inconsistent lights; `noise` (3,) is a, b and black of the variance a + b
-    (value - black), `ambient` (1, W) or (H, W).
-    """
+    """Solve rows without inconsistent lights."""
+    # `noise` (3,) is a, b and black of the variance a + b (value - black); `ambient` is (1, W) or
+    # (H, W).
     count = len(images)
     rows, columns = p.shape
     a, b, black = noise
@@ -118,8 +118,9 @@ def _solve_consistent(
     images: Array, dark: np.float32, dark_variance: np.float32, lights: Array, gains: Array,
     directions: Array, saturation: np.float32, limits: Array, variance: np.float32, r: int, c: int,
 ) -> tuple[int, bool, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Leave out lights until the others agree; return the first light left out, whether one was a
-    highlight, and b.
+    """Leave out lights until the others agree.
+
+    Returns the first light left out, whether one was a highlight, and b.
     """
     # Dark lights go first, then the one whose absence leaves the smallest residuals; of four, see
     # `_one_of_four`. With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its
@@ -219,10 +220,9 @@ def _least_consistent(
     directions: Array, errors: Array, eligible: Array,
     inverse: tuple[float, float, float, float, float, float], smallest_one_minus_h: float,
 ) -> int:  # fmt: skip
-    """The eligible light without which the residuals are smallest, -1 for none; `inverse` is the
-    upper triangle of (L^T L)^-1 with doubled off-diagonals. A light with a 1 - h of at most
-    `smallest_one_minus_h` is kept: without it the others determine no normal.
-    """
+    """The eligible light without which the residuals are smallest; -1 for none."""
+    # `inverse` is the upper triangle of (L^T L)^-1 with doubled off-diagonals. A light with a 1 - h
+    # of at most `smallest_one_minus_h` is kept: without it the others determine no normal.
     xx, xy, xz = np.float32(inverse[0]), np.float32(inverse[1]), np.float32(inverse[2])
     yy, yz, zz = np.float32(inverse[3]), np.float32(inverse[4]), np.float32(inverse[5])
     one, none = np.float32(1.0), np.float32(-1.0)

@@ -35,8 +35,9 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
-    """Complete the maps in place where `Maps.unlit` is not 0; pixels in two unsaturated lights
-    become valid.
+    """Complete the maps in place where `Maps.unlit` is not 0.
+
+    Pixels in two unsaturated lights become valid.
     """
     unlit = maps.unlit
     assert unlit is not None
@@ -108,9 +109,9 @@ def _corners(shape: tuple[int, int]) -> Indices:
 
 @lru_cache(maxsize=8)
 def _lines_of_two_lights(lighting: Lighting) -> tuple[FloatMap, FloatMap]:
-    """Pseudo-inverses (6, 3, 2) of the pairs of lights, b0 = solutions[pair] (i_j, i_k), and unit
-    directions d (8, 3) of their lines, d_z >= 0; d is 0 for `NO_LINE` and `SKIPPED`.
-    """
+    """Pseudo-inverses (6, 3, 2) of the pairs of lights, and directions d (8, 3) of their lines."""
+    # The line of a pair has b0 = solutions[pair] (i_j, i_k), and a d of length 1 with d_z >= 0. For
+    # `NO_LINE` and `SKIPPED`, d is 0.
     first, second = lighting.directions[_FIRST], lighting.directions[_SECOND]
     cosines = (first * second).sum(axis=1, keepdims=True)
     solutions = np.stack([first - cosines * second, second - cosines * first], axis=2)

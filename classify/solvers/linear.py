@@ -124,8 +124,9 @@ def _solve_saturated(
     saturated: Array, saturation: np.float32, noise_floor: np.float32, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array,
 ) -> int:  # fmt: skip
-    """Solve `saturated` pixels without their saturated lights; return the change of the number of
-    pixels below `dark_albedo`.
+    """Solve `saturated` pixels without their saturated lights.
+
+    Returns the change of the number of pixels below `dark_albedo`.
     """
     zero, dark_count_change = np.float32(0.0), 0
     used = np.empty(len(lights), np.bool_)
@@ -264,9 +265,8 @@ def judge_row(
     bx: Array, by: Array, bz: Array, floors: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
 ) -> None:  # fmt: skip
-    """Write the maps of row r; slopes are valid where bz^2 >= `floors` rho and at least three
-    lights are out of shadow.
-    """
+    """Write the maps of row r."""
+    # Slopes are valid where bz^2 >= `floors` rho and at least three lights are out of shadow.
     columns = p.shape[1]
     zero = np.float32(0.0)
     lit_counts = np.empty(columns, np.float32)

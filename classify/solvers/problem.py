@@ -166,7 +166,7 @@ def _median(values: FloatMap) -> FloatMap:
 
 
 def noise_floor_factor(weights: Array) -> np.float32:
-    """Factor c of the limit b_z^2 >= c sigma rho, at which the standard error of a slope, sigma
-    |weights| rho / b_z^2, is `_MAX_SLOPE_ERROR`.
-    """
+    """Factor c of the limit b_z^2 >= c sigma rho of a valid slope."""
+    # At the limit, the standard error of a slope, sigma |weights| rho / b_z^2, is
+    # `_MAX_SLOPE_ERROR`.
     return np.float32(np.linalg.norm(weights, axis=1).max() / _MAX_SLOPE_ERROR)

@@ -49,8 +49,9 @@ _Vector4 = tuple[np.float32, np.float32, np.float32, np.float32]
 def neighbour_weights(
     p: Array, q: Array, albedo: Array, unlit: Array, corners: Array
 ) -> tuple[np.float32, np.float32]:
-    """Weights of squared steps of albedo and squared curl relative to squared steps of slope, from
-    their means over solved blocks of 2 x 2 pixels, given their upper left `corners` (n, 2).
+    """Weights of squared steps of albedo and of squared curl, relative to squared steps of slope.
+
+    They are from the means over solved blocks of 2 x 2 pixels with upper left `corners` (n, 2).
     """
     slope, relative, curl, count = 0.0, 0.0, 0.0, 0
     for r, c in corners:
@@ -92,9 +93,8 @@ def _first_on_line(
     line: _Vector4, d: _Vector3,
     P: np.float32, Q: np.float32, A: np.float32, albedo_weight: np.float32,
 ) -> _Vector4:  # fmt: skip
-    """Slopes, albedo and t of the point of a line that is nearest to slopes P, Q and albedo A, by a
-    search over 17 values of t.
-    """
+    """Slopes, albedo and t of the point of a line that is nearest to slopes P, Q and albedo A."""
+    # It is found by a search over 17 values of t.
     one = np.float32(1.0)
     x, y, z, _ = line
     # b0 is perpendicular to d, so that |b|^2 = |b0|^2 + t^2.
@@ -139,9 +139,8 @@ def _moved_along_line(
     line: _Vector4, d: _Vector3, move: np.float32, start: _Vector3, target: _Vector3,
     slope_weight: np.float32, albedo_weight: np.float32,
 ) -> tuple[_Vector3, bool]:  # fmt: skip
-    """Slopes and albedo after a move of t, and whether the move is allowed: it stays on the visible
-    part of the line and does not overshoot.
-    """
+    """Slopes and albedo after a move of t, and whether the move is allowed."""
+    # An allowed move stays on the visible part of the line, and does not overshoot.
     (p, q, rho), (P, Q, A), (x, y, z, t) = start, target, line
     relative = albedo_weight / (A * A)
     error = slope_weight * ((p - P) ** 2 + (q - Q) ** 2) + relative * (rho - A) ** 2
@@ -179,9 +178,9 @@ def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
 def relax(
     unsolved: Unsolved, albedo_weight: np.float32, curl_weight: np.float32, strip_px: int
 ) -> None:
-    """Smooth the unsolved pixels towards the minimum that `link` describes, by Chebyshev
-    semi-iteration (Golub and Varga 1961): all pixels move at once, so no direction is preferred.
-    """
+    """Smooth the unsolved pixels towards the minimum that `link` describes."""
+    # Chebyshev semi-iteration (Golub and Varga 1961): all pixels move at once, so no direction is
+    # preferred.
     # Largest eigenvalue of the iteration: 2 for the steps between neighbours, 4 for the curl.
     largest = (2.0 + 16.0 * float(curl_weight)) / (1.0 + 4.0 * float(curl_weight))
     middle = 0.5 * largest * (1.0 + _LEAST_EIGENVALUE)
@@ -241,9 +240,8 @@ def _grow_layer(
 
 @kernel
 def _keep_edges(near: Array, pairs: Array, depth: Array) -> None:
-    """Mark pixels that keep their initial values as `SKIPPED`: at the border of the frame, and
-    beside pixels without a slope.
-    """
+    """Mark pixels that keep their initial values as `SKIPPED`."""
+    # They are at the border of the frame, and beside pixels without a slope.
     for n in range(len(pairs)):
         for j in range(8):
             m = near[n, j]

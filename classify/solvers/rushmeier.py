@@ -38,9 +38,9 @@ def _drop_extremes(
     saturation: np.float32, noise_floor: np.float32, inverses: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array, dropped: Array,
 ) -> None:  # fmt: skip
-    """Solve rows without the lowest and highest value; `inverses` (N, N, 3, 3) are those of L^T L
-    without two lights; saturated values count as highest.
-    """
+    """Solve rows without the lowest and highest value of each pixel."""
+    # `inverses` (N, N, 3, 3) are those of L^T L without two lights. Saturated values count as the
+    # highest.
     rows, columns = p.shape
     floors = np.full(columns, noise_floor)
     zero, one = np.float32(0.0), np.float32(1.0)
@@ -146,8 +146,9 @@ def _mean_of_ties(
     r: int, c: int, lowest: np.float32, highest: np.float32,
     sum_x: np.float32, sum_y: np.float32, sum_z: np.float32,
 ) -> tuple[int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Mean of the solutions without a lowest and a highest light, over all pairs of tied lights;
-    the index of the first lowest light, and b.
+    """Mean of b over all pairs of a lowest and a highest light that are left out.
+
+    Returns also the index of the first lowest light.
     """
     lights = images.shape[0]
     count, first = 0, lights

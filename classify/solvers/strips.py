@@ -114,9 +114,8 @@ def _subtract_excess(
     weights: Array, plane: Array, excess: Array, x: Array, y: Array, saturation: np.float32,
     dark: Array, images: Array, b_dot_x: Array,
 ) -> None:  # fmt: skip
-    """Compute b . X by least squares, with `weights` (3, N) that contain the gains, and subtract
-    `excess` times it from pixels that are not saturated.
-    """
+    """Compute b . X by least squares, and subtract `excess` times it from unsaturated pixels."""
+    # `weights` (3, N) contain the gains.
     cx, cy, _ = plane
     one = np.float32(1.0)
     lights, rows, columns = images.shape
@@ -204,8 +203,10 @@ def solve_strips(
     *,
     from_all_lights: bool = False,
 ) -> None:
-    """Solve a frame by `solve(stack, maps, first, last)`, invalidate dark pixels, and correct for
-    near lights; methods that fill in correct later by `correct_for_near_lights`.
+    """Solve a frame by `solve(stack, maps, first, last)`; invalidate dark pixels.
+
+    The maps are corrected for near lights. Methods that fill in do that later, by
+    `correct_for_near_lights`.
     """
     rows, done = problem.shape[0], list[int]()
     # Cached properties are computed here, before the threads start, so that only one computes them.

@@ -80,8 +80,10 @@ def link(
 
 
 def neighbour_factors(curl_weight: np.float32) -> Array:
-    """(8, 4) factors of the neighbours in the minimum of `link`: of p and q in the best p, of q in
-    the best q, of albedo in the best albedo; p has the same factor in q as q in p.
+    """(8, 4) factors of the neighbours in the minimum of `link`.
+
+    The columns are: p in the best p, q in the best p, q in the best q, albedo in the best albedo.
+    The factor of p in the best q is that of q in the best p.
     """
     curl = float(curl_weight)
     vertical, horizontal = 0.25 + 2.0 * curl, 0.25 - 2.0 * curl

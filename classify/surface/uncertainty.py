@@ -126,8 +126,10 @@ class _Solution:
 
 
 def _constants(lighting: Lighting, gains: Floats) -> tuple[Lights, FloatMap, FloatMap]:
-    """Constants of the lights, the columns of pinv / nul, which correct b for a left-out light, and
-    the covariances of b from errors of variance 1: of each image, and of the ambient image.
+    """Constants of the lights, corrections, and covariances.
+
+    The corrections are the columns of pinv / nul, which correct b for a left-out light. The
+    covariances of b are from errors of variance 1: of each image, and of the ambient image.
     """
     count, inverse_distances = len(lighting), Shear.of(lighting).inverse_distances
     directions = _without_rounding_residues(lighting.directions)

@@ -141,9 +141,8 @@ def path_products(
 
 @kernel
 def min_on_path(squares: Any, products: Any, penalty: np.float32) -> tuple[np.float32, np.float32]:
-    """Smallest squared distance plus penalty on the path `_PATH_PX2`, and its variance; on each
-    segment the squared distance is a parabola, and the penalty linear.
-    """
+    """Smallest squared distance plus penalty on the path `_PATH_PX2`, and its variance."""
+    # On each segment the squared distance is a parabola, and the penalty is linear.
     zero = np.float32(0.0)
     minimum, variance = squares[2], zero
     for k in range(len(products)):

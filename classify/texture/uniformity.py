@@ -38,9 +38,8 @@ _SUFFICIENT_PIXELS = 256 * 256
 
 
 def unevenness(fields: TextureFields) -> float:
-    """Standard deviation of log energy of the median piece beyond that of windows, a variance
-    component of one-way analysis (Searle, Casella and McCulloch 1992).
-    """
+    """Standard deviation of the log energy of the median piece beyond that of windows."""
+    # A variance component of one-way analysis (Searle, Casella and McCulloch 1992).
     logs = _log_energies(fields).reshape(-1, _PIECES, _WINDOWS, _PIECES, _WINDOWS)
     within = np.median(logs.var(axis=(2, 4)), axis=(1, 2)) / (_WINDOWS**2 - 1)
     between = logs.mean(axis=(2, 4)).var(axis=(1, 2)) * _PIECES**2 / (_PIECES**2 - 1)

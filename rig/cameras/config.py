@@ -94,8 +94,9 @@ class StampedCameraConfig(CameraConfig):
     def exposure_start_s(
         self, stamp_s: float, *, claims_start: bool, period_s: float, exposure_s: float
     ) -> float:
-        """Earliest start of the first row's exposure on the stamp's clock; a stamp that does not
-        claim the start marks the end of the frame.
+        """Earliest start of the first row's exposure on the stamp's clock.
+
+        A stamp that does not claim the start marks the end of the frame.
         """
         stamp_s += (self.timestamp_offset_ms - self.timestamp_uncertainty_ms) / 1e3
         # The kernel's driver for USB cameras declares the start of exposure and stamps the arrival

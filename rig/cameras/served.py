@@ -22,8 +22,9 @@ class FrameSource(Protocol):
     def next_frame(
         self, max_late_periods: float, exposure_ms: float | None = None
     ) -> ServedFrame | None:
-        """Wait for a frame at the device's `exposure_ms` (None: no such control); None if it is
-        late by more than `max_late_periods` periods.
+        """Wait for a frame; None if it is late by more than `max_late_periods` periods.
+
+        `exposure_ms` is that of the device, None for one without such a control.
         """
 
 

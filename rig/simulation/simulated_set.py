@@ -39,8 +39,9 @@ class SimulatedSet:
         led_levels: npt.ArrayLike | None = None,
         shadows: bool = True,
     ) -> SimulatedSet:
-        """Expose one image under each light, then the ambient image; without `shadows`, no noise or
-        saturation either.
+        """Expose one image under each light, then the ambient image.
+
+        Without `shadows`, there is no noise and no saturation either.
         """
         rng = np.random.default_rng(seed)
         expose = sensor.expose if shadows else sensor.expose_unclipped

@@ -63,8 +63,9 @@ class Replay(Record):
 def replay_challenge(
     files: RecipeFolder, inspector: Inspector, raise_if_cancelled: Callable[[], None] = lambda: None
 ) -> Iterator[PartOutcome]:
-    """Judge every part of the challenge with the present calibration, after a call of
-    `raise_if_cancelled` for each.
+    """Judge every part of the challenge with the present calibration.
+
+    `raise_if_cancelled` is called before each part.
     """
     for file, expected in read_challenge(files.challenge).sets.items():
         raise_if_cancelled()
@@ -103,10 +104,9 @@ def _keep_replay(
 def require_challenge(
     files: RecipeFolder, inspector: Inspector, raise_if_cancelled: Callable[[], None] = lambda: None
 ) -> Replay:
-    """Raise ChallengeFailed unless this inspector meets the challenge, by its last valid replay or
-    by a new one.
+    """Raise ChallengeFailed unless the recipe of an inspector meets the challenge.
 
-    Parts up to the first good one are judged in any case, which tests processor and kernels.
+    The last valid replay counts; without one, the challenge is replayed.
     """
     # Every file is hashed now, even if its times are unchanged.
     _known_sha256.cache_clear()

@@ -70,8 +70,9 @@ def add_to_challenge(
     expected: Expected,
     record: _RecordChange = lambda *_: None,
 ) -> None:
-    """Copy sets into a challenge, or give known ones the new verdict, unless `record`, called for
-    each change, raises.
+    """Copy sets into a challenge; known ones get the new verdict.
+
+    `record` is called for each change before the first one is made. If it raises, nothing changes.
     """
     make_folder(folder)
     with folder_lock(folder, _LOCK):

@@ -325,9 +325,8 @@ class Inspector:
     def _relative_levels(
         self, captured: CapturedSet, signals: tuple[float, ...]
     ) -> tuple[tuple[str, float], ...]:
-        """Level of each LED against the brightest, as a share of the taught ratio, in which the
-        albedo cancels.
-        """
+        """Level of each LED relative to the brightest, as a share of the taught ratio."""
+        # The albedo cancels in this ratio.
         taught = np.mean([signals / signals.mean() for signals in self._signals.values()], axis=0)
         ratios = np.array(signals) / taught
         brightest = ratios.max()

@@ -41,8 +41,10 @@ class Measures(LimitedMeasures):
 
 
 def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = ()) -> Verdict:
-    """Return the verdict: faults of the set, validity, texture, then limits; a NaN or missing value
-    gives ERROR.
+    """Return the verdict on a part.
+
+    The first of these reasons counts: faults of the set, validity, texture, limits. A value that is
+    NaN or missing gives ERROR.
     """
     findings = list(faults) or list(validity_findings(recipe, measures))
     findings = findings or list(_texture_findings(recipe, measures))

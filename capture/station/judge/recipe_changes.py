@@ -143,8 +143,9 @@ class RecipeChanges:
         work: Callable[[ShowProgress], _T],
         outcome_of: Callable[[_T], str] = lambda _: "",
     ) -> Callable[[ShowProgress], _T]:
-        """Record that `work` begins; return a function that does it and records its outcome, or the
-        new recipe.
+        """Record that `work` begins; return a function that does it.
+
+        The function records the outcome of `work`, or the new recipe.
         """
         recipe_before = self._recipe()
         before = None if recipe_before is None else with_approval(recipe_before)

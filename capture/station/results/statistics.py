@@ -72,9 +72,8 @@ class Choices:
 
 
 def counted(store: ResultStore, selection: Selection) -> tuple[Counters, Sequence[Row[Any]]]:
-    """Count the selected parts, and group them by quarter of an hour, verdict and causes; each part
-    is read once.
-    """
+    """Count the selected parts, and group them by quarter of an hour, verdict and causes."""
+    # Each part is read once.
     utc, hour = results.c.triggered_utc, len("2026-11-22T17")
     columns = (
         func.substr(utc, 1, hour).label("hour"),

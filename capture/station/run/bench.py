@@ -173,8 +173,9 @@ def run_bench(
     show_step: Callable[[str], None] = lambda _: None,
     live: LiveStation | None = None,
 ) -> _BenchResult:
-    """Judge `parts` parts of 16 bit, by `classes` classes and a defect map, in an empty `folder` on
-    the disk to measure.
+    """Judge `parts` parts of 16 bit, by `classes` classes and a defect map.
+
+    `folder` is empty and on the disk that is measured.
     """
     show_step("capturing parts")
     good, other = _captured(side_px)

@@ -45,9 +45,8 @@ class Baseline:
 
 
 def baseline_of(values: Sequence[float]) -> Baseline:
-    """Return the baseline of two values or more, with sigma from moving ranges, which a slow drift
-    does not raise.
-    """
+    """Return the baseline of two values or more."""
+    # Sigma is from moving ranges, which a slow drift does not raise.
     mean = statistics.fmean(values)
     ranges = [abs(after - before) for before, after in pairwise(values)]
     sigma = statistics.fmean(ranges) / _RANGE_OF_TWO
@@ -215,8 +214,9 @@ class ChartHistory:
 
 
 def chart_histories(parts: Iterable[ChartedPart]) -> tuple[ChartHistory, ...]:
-    """Return charts of the distance and each LED, in order; parts with another number of lights are
-    left out.
+    """Return the charts of the distance and of each LED, in order.
+
+    Parts with another number of lights are left out.
     """
     listed = list(parts)
     leds = len(listed[-1].led_levels) if listed else 0

@@ -26,9 +26,8 @@ _NEWEST_LINKS = 1000  # checked in 0.05 s
 
 
 def diagnose_station(folder: Path) -> Iterator[Check]:
-    """Yield all checks, with the LEDs lit; a failed one, such as a rig in use, does not prevent the
-    next.
-    """
+    """Yield all checks; a failed one, such as a rig in use, does not prevent the next."""
+    # The LEDs are lit during the checks.
     opened: list[StationFolder] = []  # one, or none if station.toml is invalid
 
     def check_config() -> Iterator[Check]:

@@ -141,9 +141,8 @@ class PartJudge:
 
 
 def _fault_shown_by(result: PartResult) -> Fault | None:
-    """The fault that a verdict ERROR shows; a fault of the rig is one of its lights if LED levels
-    were measured.
-    """
+    """Return the fault that a verdict ERROR shows."""
+    # If LED levels were measured, a fault of the rig is one of its lights.
     verdict = result.verdict
     if verdict.decision is not Decision.ERROR:
         return None

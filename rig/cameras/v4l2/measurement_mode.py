@@ -188,9 +188,8 @@ def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[]
 def _exposure_steps(
     device: V4l2Device, config: V4l2CameraConfig
 ) -> Iterator[Callable[[], _Setting]]:
-    """Yield the actions that set the exposure: the manual mode first, without which setting the
-    time has no defined effect.
-    """
+    """Yield the actions that set the exposure."""
+    # Manual mode is set first. Without it, setting the time has no defined effect.
     if config.fixed_exposure:
         control = find_control(device, abi.Cid.EXPOSURE_ABSOLUTE)
         if control is not None:

@@ -48,8 +48,9 @@ def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
 def keep_sets(
     paths: Sequence[Path], folder: Path, texture: str | None, default: str
 ) -> list[KeptSet]:
-    """Copy sets with their calibrations, unless already there, labelled `texture`, else their label
-    or `default`.
+    """Copy sets with their calibrations, unless they were copied before.
+
+    Their texture is `texture`, or else the label of each set, or else `default`.
     """
     make_folder(folder)
     kept = []
