@@ -151,8 +151,9 @@ _lock = threading.Lock()
 
 
 def thread_count() -> int:
-    """Number of threads for kernels: of `set_thread_count`, NUMBA_NUM_THREADS, or one per
-    processor.
+    """Number of threads for kernels.
+
+    It is that of `set_thread_count`, or else of NUMBA_NUM_THREADS, or else one per processor.
     """
     if _count is not None:
         return _count

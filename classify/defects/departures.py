@@ -161,13 +161,11 @@ MomentSums = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class GoodCells:
-    """Mean (d,), whitening matrix (d, d) and whitened statistics (CENTRES, d) of good cells, such
-    as bricks and joints.
-    """
+    """Statistics of good cells, whose centres are kinds of cells, such as bricks and joints."""
 
-    mean: FloatMap
-    whitening: FloatMap
-    centres: FloatMap
+    mean: FloatMap  # (d,)
+    whitening: FloatMap  # (d, d) matrix
+    centres: FloatMap  # (CENTRES, d) whitened statistics
 
     @classmethod
     def of(cls, parts: Sequence[FloatMap]) -> Self:

@@ -260,9 +260,9 @@ Box = tuple[int, int, int, int]
 
 
 class FixedMarks:
-    """Looks for a mark that all good parts have at one place, by sums of normal scores (van der
-    Waerden 1952) against the whole frame.
-    """
+    """Looks for a mark that all good parts have at one place."""
+
+    # By sums of normal scores (van der Waerden 1952) against the whole frame.
 
     def __init__(self) -> None:
         self._parts = 0

@@ -43,9 +43,9 @@ HalfSpectrum = npt.NDArray[np.complex64]
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Power of relief (slope along the wave vector) and albedo, (n, n) float64, zero frequency in
-    the middle, at orientation 0 with y up.
-    """
+    """Power of relief (slope along the wave vector) and albedo, (n, n) float64."""
+
+    # Zero frequency is in the middle. The orientation is 0, with y up.
 
     relief: _Power
     albedo: _Power
@@ -217,9 +217,8 @@ def _rotated(power: _Power, orientation_deg: float) -> _Power:
 
 
 def _lowest_replaced(power: _Power) -> _Power:
-    """Replace the power at frequencies that the window mixes with frequency 0, by the highest
-    around them.
-    """
+    """Replace the power at the lowest frequencies by the highest power around them."""
+    # The window mixes them with frequency 0.
     index = np.arange(len(power)) - len(power) // 2
     radius = np.hypot(index[None, :], index[:, None])
     lowest, ring = radius < 1.5, (radius >= 1.5) & (radius < 3.0)

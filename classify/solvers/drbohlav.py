@@ -16,9 +16,8 @@ from .strips import solve_strips
 
 
 def solve_drbohlav(problem: Problem) -> Maps:
-    """Least squares without values that break the linear dependence of four lights (Drbohlav and
-    Leonardis 1998, Barsky and Petrou 2003).
-    """
+    """Least squares without values that break the linear dependence of four lights."""
+    # Drbohlav and Leonardis 1998, Barsky and Petrou 2003.
     count = len(problem.lighting)
     if count < 4:
         raise InputError(
@@ -44,9 +43,8 @@ def solve_drbohlav(problem: Problem) -> Maps:
 
 
 def residual_limits(lights: int) -> FloatMap:
-    """(N + 1,) limits of squared residuals over the noise variance: 99.7 % of chi-squared of n - 3
-    degrees, infinite up to n = 3.
-    """
+    """(N + 1,) limits of the squared residuals of n lights, over the noise variance."""
+    # 99.7 % of chi-squared of n - 3 degrees of freedom; infinite up to n = 3.
     limits = [np.inf if n < 4 else chi_squared(n - 3, BEYOND_NOISE) for n in range(lights + 1)]
     return np.array(limits, np.float32)
 

@@ -156,9 +156,7 @@ def _moved_along_line(
 
 
 def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
-    """Initialise unsolved pixels layer by layer, each from the mean of its neighbours in the layers
-    before.
-    """
+    """Initialise unsolved pixels layer by layer, each from the mean of its neighbours."""
 
     def grow_part(layer: int, counts: list[int], first: int, last: int) -> None:
         count = _grow_layer(

@@ -51,9 +51,8 @@ _TINY = np.float32(1e-30)
 
 
 def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
-    """Least squares of four lights without the one to blame, after estimating intensities that were
-    not given.
-    """
+    """Least squares of four lights without the one that disagrees with the others."""
+    # LED levels that were not given are estimated first.
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
     shape = problem.shape
     levels_known = problem.lighting.intensities_given

@@ -8,13 +8,12 @@ from classify.base.models import Record
 
 
 class LeastFound(Record):
-    """The weakest defect of a kind and size found in 9 of 10 places: depth in px, or contrast as a
-    share of the albedo.
-    """
+    """The weakest defect of a kind and size that is found in 9 of 10 places."""
 
     kind: Literal["scratch", "dent", "stain"]
     size_px: PositiveFloat  # width of a scratch, diameter of the others
-    strength: NonNegativeFloat | None  # depth or contrast; None if the strongest is not found
+    # Depth in px, or contrast as a share of the albedo; None if the strongest is not found.
+    strength: NonNegativeFloat | None
     strongest: FiniteFloat  # depth or contrast that was tried
     mm_per_px: PositiveFloat | None = None
 

@@ -48,9 +48,7 @@ def require_unchanged(recipe: Recipe, seen_sha256: str | None) -> None:
 
 
 def approved_states(files: RecipeFolder) -> list[Recipe]:
-    """Return the approved states of a recipe with an intact copy, to which a rollback is possible,
-    the latest first.
-    """
+    """Return the approved states of a recipe that have an intact copy, latest first."""
     states = []
     for version in files.taught_versions():
         for copy in files.version(version).folder.glob("approved-*.toml"):

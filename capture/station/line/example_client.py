@@ -22,8 +22,9 @@ def run_ladder(
     judged: Callable[[Judged], None],
     recipe: int = 0,
 ) -> None:
-    """Trigger the parts of `next_part` until None and report verdicts, reconnecting without limit;
-    recipe 0 is any.
+    """Trigger the parts of `next_part` until it returns None, and report the verdicts.
+
+    It reconnects without limit. Recipe 0 stands for any.
     """
     ladder = Ladder()
     ladder.recipe = recipe

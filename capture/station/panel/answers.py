@@ -13,8 +13,9 @@ Name = Annotated[str, Field(pattern=NAME_PATTERN)]
 
 
 def answer(model: str, base: type = Record, /, *left_out: str, **fields: Any) -> type[BaseModel]:
-    """Return the model of an answer: fields of a model or dataclass and these, a tuple being type
-    and default.
+    """Return the model of an answer: fields of a model or dataclass, and `fields`.
+
+    A field that is a tuple has a type and a default.
     """
     if is_dataclass(base):
         known = {key: kind for key, kind in get_type_hints(base).items() if key not in left_out}

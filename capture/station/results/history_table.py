@@ -23,8 +23,9 @@ COLUMNS = (
 
 
 def record_of(entry: HistoryEntry) -> dict[str, Any]:
-    """Return the columns of a part's result (``verdict`` in force, ``station_verdict``), override
-    and removed set.
+    """Return the columns of a part's result, with its override and removed set.
+
+    ``verdict`` is the one in force, after overrides; ``station_verdict`` is the station's own.
     """
     row = entry.result.row
     record = {

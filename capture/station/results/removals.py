@@ -15,8 +15,9 @@ from .utc import require_utc
 
 
 def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]:
-    """Yield id and set file of parts that passed without override, triggered until `until_utc`, by
-    number.
+    """Yield id and set file of parts that passed without override, by number.
+
+    The parts were triggered at `until_utc` or before.
     """
     statement = (
         select(results.c.part_id, results.c.set_file)

@@ -29,8 +29,9 @@ class Beginning:
             )
 
     def begin(self, trigger: Trigger, *, is_simulated: bool) -> BegunPart:
-        """Record a part whose client waits; a row that comes after `ResultsUnavailable` becomes an
-        ERROR in the next self-test.
+        """Record a part, if its client still waits.
+
+        A row that is written after `ResultsUnavailable` becomes an ERROR in the next self-test.
         """
 
         def require() -> None:

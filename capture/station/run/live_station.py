@@ -111,8 +111,9 @@ class LiveStation(LiveView):
             self._thread.join()
 
     def wait_for_room(self, is_over: Callable[[], bool]) -> None:
-        """Wait until subscribers are less than `MAX_EVENTS` behind, or `is_over`; a call by a
-        subscriber returns at once.
+        """Wait until subscribers are less than `MAX_EVENTS` behind, or `is_over`.
+
+        A call by a subscriber returns at once.
         """
         while self._queue.qsize() >= MAX_EVENTS and not is_over():
             if threading.current_thread() is self._thread:
@@ -162,8 +163,9 @@ class LiveStation(LiveView):
                 self.publish(device)
 
     def acknowledge(self, part_id: str | None, by: str) -> bool:
-        """Record that somebody has seen a rejected part, or the fault that stops the line (None);
-        False if there is no such part or fault.
+        """Record that somebody has seen a rejected part, or for None the fault that stops the line.
+
+        Returns False if there is no such part or fault.
         """
         with self._lock:
             rejected = {part.result.part_id: part for part in self._state.rejected}

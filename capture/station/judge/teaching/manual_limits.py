@@ -21,8 +21,9 @@ def limits_measured_before(files: RecipeFolder, recipe: Recipe) -> LimitsOf | No
 
 
 def manual_limits(present: LimitsOf, measured: LimitsOf | None) -> LimitsOf:
-    """Return each texture's limits that differ from `measured`, without which all measurable limits
-    count as measured.
+    """Return the limits of each texture that differ from the `measured` ones.
+
+    Without `measured`, all limits that teaching can measure count as measured.
     """
     manual = {}
     for texture, limits in present.items():
