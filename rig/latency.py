@@ -20,11 +20,11 @@ from rig.step_fit import StepFit, Steps, fit_steps
 
 # Bands of rows in a frame: more make the fit slower, fewer the readout less certain.
 _BANDS = 32
-# Frame periods that are recorded after a step, on top of stale frames: the step and its end.
+# Frame periods that are recorded after a step, beside stale frames. They contain its end.
 _PERIODS_AFTER = 2.0
-# Least change of a band's light as a share of the range: with less, noise dominates.
+# Share of the range by which the light of a band must change. With less, noise dominates.
 _MIN_CONTRAST = 0.01
-# Drift of the controller's crystal against this computer's: common crystals have 50 ppm.
+# Drift of the controller's crystal against that of this computer. Common crystals have 50 ppm.
 _CLOCK_DRIFT = 5e-5
 # Number of exchanges before and after an exchange whose bounds are combined: enough that one of
 # them is fast, few enough that the clocks hardly drift.
@@ -71,7 +71,7 @@ def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Re
     info, clock, recording = rig.camera.info, rig.clock, _Recording()
     rng = random.Random(1)
     after_s = rig.config.lights.settle_ms / 1e3 + _PERIODS_AFTER * info.frame_period_s
-    # One switch in each part of the period, in random order, so that no phase is missed.
+    # Stratified phases: in each half, one switch in each part of the period, in random order.
     parts = [part for _ in range(2) for part in rng.sample(range(count // 2), count // 2)]
     dark_s = rig.lights.off().acknowledged_s
     next_fresh_frame(rig, dark_s + after_s)
@@ -145,25 +145,22 @@ def _band_levels(frame: Frame) -> Floats:
     return levels
 
 
-def _switch_times(sent: Floats, answered: Floats, device: Floats) -> tuple[Floats, float]:
+def _switch_times(sent_s: Floats, answered_s: Floats, device_s: Floats) -> tuple[Floats, float]:
     """Time of each switch on the rig's clock, and the uncertainty."""
-    switched, unknown_s = np.empty(len(sent)), 0.0
-    for index in range(len(sent)):
+    switched_s, unknown_s = np.empty(len(sent_s)), 0.0
+    for index in range(len(sent_s)):
         neighbours = slice(max(index - _NEIGHBOURS, 0), index + _NEIGHBOURS + 1)
-        low, high = (
-            float((sent - device)[neighbours].max()),
-            float((answered - device)[neighbours].min()),
-        )
-        drift_s = _CLOCK_DRIFT * float(answered[neighbours].max() - sent[neighbours].min())
-        if low > high + drift_s:
+        # Bounds of the offset of the rig's clock from that of the controller.
+        lower_s = float((sent_s - device_s)[neighbours].max())
+        upper_s = float((answered_s - device_s)[neighbours].min())
+        drift_s = _CLOCK_DRIFT * float(answered_s[neighbours].max() - sent_s[neighbours].min())
+        if lower_s > upper_s + drift_s:
             # The clock was set or restarted: only the bounds of this exchange hold.
-            low, high = (
-                sent[index] - device[index],
-                answered[index] - device[index],
-            )
-        switched[index] = device[index] + (low + high) / 2.0
-        unknown_s = max(unknown_s, abs(high - low) / 2.0 + drift_s)
-    return switched, unknown_s
+            lower_s = sent_s[index] - device_s[index]
+            upper_s = answered_s[index] - device_s[index]
+        switched_s[index] = device_s[index] + (lower_s + upper_s) / 2.0
+        unknown_s = max(unknown_s, abs(upper_s - lower_s) / 2.0 + drift_s)
+    return switched_s, unknown_s
 
 
 def _shares(
@@ -185,7 +182,7 @@ def _shares(
 # Largest rms residual of the shares of light: more than with stamps that jitter by 3 ms, less than
 # with flickering light (both in tests/rig/test_latency.py).
 _MAX_MISFIT = 0.08
-# Least number of frames that contain a switch: with fewer, their scatter is unknown.
+# Number of frames that must contain a switch. With fewer, their scatter is unknown.
 _MIN_CAUGHT = 6
 # Share of a change from which a row counts as completely changed, within its noise.
 _COMPLETE = 0.98
@@ -291,12 +288,12 @@ def _camera_keys(
     }
 
 
-def _complete_change(done: BoolArray, after_s: Floats, of_step: Indices) -> _CompleteChange:
+def _complete_change(is_complete: BoolArray, after_s: Floats, of_step: Indices) -> _CompleteChange:
     times_s, frames = [], []
     for step in np.unique(of_step):
         step_frames = np.flatnonzero(of_step == step)
         # The first frame after the last incomplete one.
-        incomplete = np.flatnonzero(~done[step_frames])
+        incomplete = np.flatnonzero(~is_complete[step_frames])
         first = int(incomplete[-1]) + 1 if len(incomplete) else 0
         if first < len(step_frames):
             times_s.append(float(after_s[step_frames[first]]))

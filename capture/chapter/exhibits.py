@@ -163,7 +163,8 @@ def _by_slant(results: Results) -> Exhibit:
 
 def _wrong_by_texture(results: Results, system: System) -> str:
     """Numbers of wrong answers by true texture, as text."""
-    counts = Counter(t.label for t in results.trials[system] if not t.nearest_is_correct)
+    trials = results.trials[system]
+    counts = Counter(trial.label for trial in trials if not trial.nearest_is_correct)
     return ", ".join(f"{texture} {count}" for texture, count in counts.most_common())
 
 

@@ -182,7 +182,10 @@ def _composed(name: str) -> str:
 
 
 def load_light_list(path: Path, *, unknown_keys: bool = False) -> LightList:
-    """Read the lights of a ``.lp`` or ``.json`` file; `unknown_keys` ignores misspelt keys too."""
+    """Read the lights of a ``.lp`` or ``.json`` file.
+
+    Keys that look like a misspelt one are refused, unless `unknown_keys` ignores them.
+    """
     text = light_list_text(path)
     if path.suffix.lower() == ".lp":
         return _parsed_lp(path, text)
@@ -257,10 +260,10 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     except ValidationError as error:
         raise InputError(f"{path}: {_EXPECTED_FORM}{_first_fault(error)}") from None
     entries = content.images if isinstance(content, _ImagesFile) else content
-    names = [e.file.replace("\\", "/") for e in entries if isinstance(e, _NamedLight)]
+    names = [light.file.replace("\\", "/") for light in entries if isinstance(light, _NamedLight)]
     places = [f"image {number}" for number in range(len(entries))]
-    vectors = [e.direction if isinstance(e, _NamedLight) else e for e in entries]
-    stated = [e.intensity if isinstance(e, _NamedLight) else None for e in entries]
+    vectors = [light.direction if isinstance(light, _NamedLight) else light for light in entries]
+    stated = [light.intensity if isinstance(light, _NamedLight) else None for light in entries]
     any_stated = any(intensity is not None for intensity in stated)
     intensities = (
         [1.0 if intensity is None else intensity for intensity in stated] if any_stated else []

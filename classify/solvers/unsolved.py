@@ -113,8 +113,8 @@ def _link(
         while below < len(pixels) and pixels[below] < pixels[n] + columns - 1:
             below += 1
         for j in range(8):
-            place = j + (j > 3)
-            y, x = r + place // 3 - 1, c + place % 3 - 1
+            index = j + (j > 3)  # in the 3 x 3 pixels
+            y, x = r + index // 3 - 1, c + index % 3 - 1
             if y < 0 or x < 0 or y >= rows or x >= columns:
                 near[n, j] = NOTHING
                 continue

@@ -104,8 +104,11 @@ class Refusals:
         return refused, overflow
 
     def _tell(self, refused: list[RefusedTrigger], *, recorded: bool, overflow: int = 0) -> None:
-        triggers = [1] * (len(refused) - bool(overflow)) + [overflow] * bool(overflow)
-        for row, count in zip(refused, triggers, strict=True):
+        """Publish rows; the last one stands for `overflow` triggers, if there are any."""
+        counts = [1] * len(refused)
+        if overflow:
+            counts[-1] = overflow
+        for row, count in zip(refused, counts, strict=True):
             event = TriggerRefused(row.trigger, row.part_id, row.reason, recorded, count)
             self._publish(event)
 
