@@ -79,7 +79,7 @@ def complain(message: str) -> None:
     print(f"ps4rig: {' '.join(message.split())}", file=sys.stderr)
 
 
-def reported(command: Callable[_P, _R]) -> Callable[_P, _R]:
+def reports_errors(command: Callable[_P, _R]) -> Callable[_P, _R]:
     """Decorate a command: report expected exceptions as one line on stderr and an exit status."""
 
     @functools.wraps(command)

@@ -19,6 +19,8 @@ Protocol = Literal["disjoint", "rotated"]
 
 OURS, TEXTONS = "joint", "varma_zisserman"
 THESIS, ONE_D = "spectra_2d", "polar_radial"
+THESIS_TEXTURES = SYNTHETIC_TEXTURES[:4]
+"""The four synthetic surfaces of the thesis."""
 SPECTRA_CLASSIFIERS = ("polar", ONE_D, "spectra_2d_power", THESIS)
 """The classifiers of the thesis that compare spectra of surfaces."""
 
@@ -239,7 +241,7 @@ def same_conditions(runs: Iterable[TrainingRun]) -> tuple[TestRun, ...]:
 
 def _slants(frame_px: int, orientations_deg: tuple[float, ...], quick: bool) -> Experiment:
     """Figure 9.1: the four surfaces of the thesis, with and without shadow."""
-    four = synthetic_textures(SYNTHETIC_TEXTURES[:4])
+    four = synthetic_textures(THESIS_TEXTURES)
     runs = []
     for slant_deg in (40, 60, 80) if quick else range(10, 90, 10):
         for shadows in (False, True):

@@ -21,7 +21,6 @@ from classify.library.evaluation import nearest_accuracy
 from classify.methods import CLASSIFIER_NAMES
 from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.spectra import field_spectra, segment_for
-from rig import SYNTHETIC_TEXTURES
 from rig.scene.render import SceneImages, render_frame
 
 from .plan import (
@@ -30,6 +29,7 @@ from .plan import (
     SOLVERS,
     TEXTONS,
     THESIS,
+    THESIS_TEXTURES,
     Conditions,
     PatchPosition,
     Plan,
@@ -62,8 +62,10 @@ _Clock: TypeAlias = Callable[[], float]
 def shortest_ms(
     functions: Mapping[str, Work], rounds: int, clock_s: _Clock = time.perf_counter
 ) -> dict[str, float]:
-    """Shortest of `rounds` calls of each function in ms, because other processes only add time."""
-    # The first calls are not timed. In each round, all functions are called in turn.
+    """Shortest duration of each function in ms, over `rounds` calls; other processes only add time.
+
+    A first call of each function is not timed. The functions are then called alternately.
+    """
     for function in functions.values():
         function()
     shortest = dict.fromkeys(functions, float("inf"))
@@ -104,12 +106,13 @@ def _measured_costs(plan: Plan, folder: Path) -> list[_Cost]:
     tests_per_slant = len(experiment.tests) // len(plan.chapter_slants_deg)
     for test in experiment.tests[:tests_per_slant]:
         run = test.training
+        # Runs with one segment hold `THESIS` again; only its spectra of several segments are timed.
         if run.one_segment:
             continue
         images = CachedPatch(position, experiment.frame_px).images(test.conditions)
-        solved = partial(solve, images, BEST_SOLVER, planar=solves_as_planar(BEST_SOLVER))
-        surface = solved()
-        functions: dict[str, Work] = {"solve": solved}
+        solve_images = partial(solve, images, BEST_SOLVER, planar=solves_as_planar(BEST_SOLVER))
+        surface = solve_images()
+        functions: dict[str, Work] = {"solve": solve_images}
         for classifier in (OURS, THESIS, TEXTONS):
             if classifier in run.classifiers:
                 path = library_path(folder, experiment.name, run, BEST_SOLVER, classifier)
@@ -134,7 +137,7 @@ SAND_SLANT_DEG = 60.0
 """Each light leaves a fifth of sand in shadow; the thesis does not state its slant."""
 
 SHADOW_TILTS_DEG = (0.0, 30.0, 60.0, 90.0)
-_SHADOW_PX = 512
+_SHADOW_PX, _MAPS_PX = 512, 256  # sides of the frames
 _POLAR_SOLVERS: tuple[Method, ...] = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4", "ps4_robust")
 TRUTH = "truth"
 
@@ -156,7 +159,8 @@ class _SandMaps:
     """(H, W) maps of one patch by solver and `TRUTH`, and their errors."""
 
     relief: dict[str, FloatMap]  # height in px, of mean 0
-    albedo: dict[str, FloatMap]  # scaled to the mean of the truth outside shadows
+    # Of each solver, scaled to the mean of the true albedo over valid pixels without shadow.
+    albedo: dict[str, FloatMap]
     errors: dict[str, tuple[float, float, float]]  # rms over valid pixels, of p, q and albedo
     shadows: dict[str, npt.NDArray[np.uint8]]  # number of lights in shadow
 
@@ -201,7 +205,8 @@ def _solved_sand(
     """Render a patch of sand, and solve its images by several solvers."""
     position = PatchPosition(Texture("sand"), 0, (0.0, 0.0), rotate_deg)
     scene = render_patch(position, SAND_SLANT_DEG, size_px)
-    images = expose(scene, Conditions(SAND_SLANT_DEG, size_px), round(rotate_deg))
+    # Each orientation has its own noise.
+    images = expose(scene, Conditions(SAND_SLANT_DEG, size_px), seed=round(rotate_deg))
     return scene, {solver: solve(images, solver) for solver in solvers}
 
 
@@ -249,7 +254,8 @@ class Results:
 
     plan: Plan
     trials: Trials
-    # Shares of the pixels in shadow of a light at each tilt, by texture and slant in degrees.
+    # Share of pixels in shadow of a light at each of `SHADOW_TILTS_DEG`; the key is a texture and
+    # a slant in degrees.
     shadow_shares: dict[tuple[str, float], tuple[float, ...]]
     polar: dict[float, _Polar]  # of sand, by orientation in degrees
     maps: _SandMaps
@@ -274,11 +280,11 @@ def measure(
             return progress(batch.map(function, items), len(items), name)
 
         folder = Path(libraries)
-        shadows = list(itertools.product(SYNTHETIC_TEXTURES[:4], _SHADOW_SLANTS_DEG))
+        shadows = list(itertools.product(THESIS_TEXTURES, _SHADOW_SLANTS_DEG))
         shares = list(run(_shadow_shares, shadows, "shadow"))
         spectra = partial(_polar_spectra, size_px=2 * plan.frame_px)
         polar = list(run(spectra, _POLAR_ORIENTATIONS_DEG, "polar spectra"))
-        (maps,) = run(_sand_maps, [256], "maps")
+        (maps,) = run(_sand_maps, [_MAPS_PX], "maps")
         training = [
             task for experiment in plan.experiments for task in training_tasks(experiment, folder)
         ]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import out, print_json, progress, reported
+from capture.base.console import out, print_json, progress, reports_errors
 from capture.base.outputs import check_output
 from capture.commands import options
 from classify.base.errors import InputError
@@ -26,7 +26,7 @@ _NOT_KNOWN = "-"
 _NAME_WIDTH = 14
 
 
-@reported
+@reports_errors
 def info(
     sets: options.Sets,
     corrections: Annotated[
@@ -170,7 +170,7 @@ def _number(value: float | None, unit: str) -> str:
     return _NOT_KNOWN if value is None else f"{value:g} {unit}"
 
 
-@reported
+@reports_errors
 def verify(
     folders: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="Folders, with all folders below.")
@@ -229,7 +229,7 @@ def verify(
 _PAGE_SUFFIX = ".html"
 
 
-@reported
+@reports_errors
 def compare(
     first: Annotated[
         Path, typer.Argument(metavar="A", help="A captured set, or a folder of maps from solve.")

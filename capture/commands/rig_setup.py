@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import complain, out, print_json, reported
+from capture.base.console import complain, out, print_json, reports_errors
 from capture.base.outputs import check_output
 from capture.commands import options
 from classify.base.errors import InputError
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from rig.simulation.devices import DeviceSimulation
 
 
-@reported
+@reports_errors
 def init(
     file: Annotated[Path, typer.Argument(help="The file to write.")] = Path("rig.toml"),
     port: Annotated[
@@ -59,7 +59,7 @@ def init(
     )
 
 
-@reported
+@reports_errors
 def flash(
     port: Annotated[
         str | None,
@@ -99,7 +99,7 @@ def flash(
 _REPORT_EVERY_S = 5.0
 
 
-@reported
+@reports_errors
 def simulate(
     rig: options.Rig = "sim",
     serial: Annotated[

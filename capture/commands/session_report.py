@@ -14,7 +14,7 @@ from capture.base.console import (
     print_json,
     print_table,
     progress,
-    reported,
+    reports_errors,
 )
 from capture.base.utc_time import readable_utc
 from capture.commands import options
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from capture.session.plan import PlannedSet
 
 
-@reported
+@reports_errors
 def status(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     json: options.Json = False,
@@ -125,7 +125,7 @@ def _as_json(planned: PlannedSet) -> dict[str, Any]:
     }
 
 
-@reported
+@reports_errors
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     json: options.Json = False,

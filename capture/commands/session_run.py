@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import complain, out, print_json, reported
+from capture.base.console import complain, out, print_json, reports_errors
 from capture.base.outputs import check_output
 from capture.commands import options
 from classify.base.errors import InputError
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from rig import RigConfig
 
 
-@reported
+@reports_errors
 def new(
     plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The file to write.")],
     force: options.Force = False,
@@ -54,7 +54,7 @@ _OVERHEAD_BYTES = 20_000
 _DISK_MARGIN = 1.1
 
 
-@reported
+@reports_errors
 def run(
     plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The plan.")],
     rig: options.Rig = "rig.toml",
@@ -100,7 +100,7 @@ def run(
         _capture_missing(folder, config, yes=yes, json=json)
 
 
-@reported
+@reports_errors
 def resume(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     rig: options.Rig = "rig.toml",

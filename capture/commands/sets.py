@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from capture.base.console import complain, out, print_json, progress, reported
+from capture.base.console import complain, out, print_json, progress, reports_errors
 from capture.base.errors import ImportCause
 from capture.base.outputs import check_output
 from classify.base.errors import InputError
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 _DEFAULT_TILTS = "0,90,180,270"
 
 
-@reported
+@reports_errors
 def capture(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Output file, NAME.ome.tif.")],
     rig: options.Rig = "rig.toml",
@@ -161,6 +161,7 @@ def _captured(
     from rig.scene.targets import TARGETS
 
     for placement in placements:
+        # A replay has no placement. The present part need not be rendered again.
         if rig.simulation is not None and rig.simulation.placement not in (None, placement):
             rig.simulation.place(placement)
         placed = None if rig.simulation is None else rig.simulation.placement
@@ -191,7 +192,7 @@ def _output_paths(output: Path, count: int, replace: bool) -> list[Path]:
     return [output.with_name(f"{stem}-{number:0{digits}d}{SET_SUFFIX}") for number in numbers]
 
 
-@reported
+@reports_errors
 def import_(
     paths: Annotated[
         list[Path],
@@ -247,7 +248,9 @@ def import_(
     ] = None,
     accept: Annotated[
         list[ImportCause] | None,
-        typer.Option(help="Import although this was found. Repeat the option for more causes."),
+        typer.Option(
+            help="Import despite this cause of rejection. Repeat the option for more causes."
+        ),
     ] = None,
     label: options.Label = None,
     specimen: options.Specimen = None,

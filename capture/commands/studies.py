@@ -5,12 +5,12 @@ from typing import Annotated
 
 import typer
 
-from capture.base.console import out, reported
+from capture.base.console import out, reports_errors
 
 from . import options
 
 
-@reported
+@reports_errors
 def demo(
     output: Annotated[
         Path, typer.Option("--out", help="Folder for the report and the sets.", metavar="DIR")
@@ -23,7 +23,7 @@ def demo(
     run_demo(output, force=force)
 
 
-@reported
+@reports_errors
 def reproduce(
     output: Annotated[
         Path,

@@ -19,7 +19,7 @@ from capture.base.console import (
     print_json,
     print_table,
     progress,
-    reported,
+    reports_errors,
 )
 from capture.base.outputs import check_output, csv_line
 from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER, METHODS, ClassifierName, Method
@@ -62,7 +62,7 @@ _CsvOption = Annotated[
 ]
 
 
-@reported
+@reports_errors
 def train(
     sets: options.Sets,
     library: _LibraryOption,
@@ -97,7 +97,7 @@ def train(
         out.print(f"{library}: {counts}", *uniformity_remarks(trained.uniformity), sep="\n")
 
 
-@reported
+@reports_errors
 def classify(
     sets: options.Sets,
     library: _LibraryOption,
@@ -134,7 +134,7 @@ def classify(
     print_table(table)
 
 
-@reported
+@reports_errors
 def evaluate_(
     sets: options.Sets,
     library: _LibraryOption,

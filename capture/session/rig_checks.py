@@ -41,6 +41,7 @@ def check_plan(plan: SessionPlan, source: Path, config: RigConfig) -> None:
             )
         if specimen.surface is not None:
             require_surface(specimen.surface)
+    # This only validates the exposure.
     if plan.exposure_ms not in (None, SEARCH):
         config.with_changes(camera={"exposure_ms": plan.exposure_ms})
     if plan.calibration_required and config.calibration is None:
@@ -192,7 +193,7 @@ def find_exposure_ms(config: RigConfig) -> float:
 _NOT_COMPARED = Check(
     "sheet",
     "unknown",
-    "the rig was not compared with it",
+    "the rig was not compared with its calibration",
     "run ps4rig rig doctor --sheet with a white sheet below the camera",
 )
 
@@ -200,8 +201,8 @@ _NOT_COMPARED = Check(
 def compare_rig(rig: Rig, file: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
     """Compare a rig with its calibration by a sheet; return GO if it agrees or the person skips.
 
-    After a fault the person is asked again. The answer STOP is returned before the first fault, and
-    raises CalibrationRejected after it. So does a fault of a rig that lays the sheet down itself.
+    After a fault the person is asked again. STOP is returned if there was no fault; otherwise it
+    raises CalibrationRejected. A rig that lays the sheet down itself raises at its first fault.
     """
     cause: str | None = None
     is_automatic = lays_sheet_down(rig)

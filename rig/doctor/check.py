@@ -15,7 +15,7 @@ class Check:
 
     name: str
     status: Status
-    seen: str
+    seen: str  # the finding, with its values
     advice: str = ""
     device: str = ""  # that it tests, such as ``lights``; empty for none
 

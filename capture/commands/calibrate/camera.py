@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import reported
+from capture.base.console import reports_errors
 from capture.commands import options
 from classify.base.errors import CalibrationRejected, InputError
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from rig import Rig
 
 
-@reported
+@reports_errors
 def dark(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,
@@ -128,7 +128,7 @@ def _dark_of_photographs(
 _SHEET = flow.Target("a white matt sheet", "plate")
 
 
-@reported
+@reports_errors
 def response(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from capture.base.console import complain, out, reported
+from capture.base.console import complain, out, reports_errors
 from capture.commands import options
 from classify.base.errors import InputError
 
@@ -32,7 +32,7 @@ _ROTATIONS_DEG = (0.0, 180.0)
 _FRAMES = 16
 
 
-@reported
+@reports_errors
 def plate(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,
@@ -80,7 +80,7 @@ def plate(
 _SPHERE_PLACES = ((0.0, 0.0), (0.18, 0.0), (-0.18, 0.0), (0.0, 0.18), (0.0, -0.18))
 
 
-@reported
+@reports_errors
 def lights(
     paths: Annotated[
         list[Path],

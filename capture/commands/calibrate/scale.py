@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import reported
+from capture.base.console import reports_errors
 from capture.commands import options
 from classify.base.errors import InputError
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 _ROTATION_STEP_DEG = 30.0
 
 
-@reported
+@reports_errors
 def scale(
     calibration: flow.CalibrationPath,
     checkerboard: Annotated[

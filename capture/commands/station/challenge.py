@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from capture.base.console import new_table, out, print_json, print_table, reported
+from capture.base.console import new_table, out, print_json, print_table, reports_errors
 from capture.commands import options
 from classify.base.errors import InputError
 
@@ -38,7 +38,7 @@ _RecipeName = Annotated[
 ]
 
 
-@reported
+@reports_errors
 def challenge(
     folder: Station,
     add: _Added = None,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from capture.base.console import out, print_json, progress, reported
+from capture.base.console import out, print_json, progress, reports_errors
 from capture.commands import options
 
 from .teach import Station
@@ -40,7 +40,7 @@ _Times = Annotated[
 _Seed = Annotated[int, typer.Option(min=0, help="Seed of their placements.")]
 
 
-@reported
+@reports_errors
 def gauge(
     folder: Station,
     known: _Known = None,
@@ -143,7 +143,7 @@ def _recorded(
     )
 
 
-@reported
+@reports_errors
 def bench(
     parts: Annotated[int, typer.Option(min=10, max=1_000_000, help="Parts to judge.")] = 300,
     size: Annotated[int, typer.Option(min=256, max=8192, help="Side of the frames in px.")] = 1024,

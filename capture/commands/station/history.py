@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import new_table, out, print_table, reported
+from capture.base.console import new_table, out, print_table, reports_errors
 from capture.commands import options
 from capture.station.domain.verdict import Decision
 from classify.base.errors import InputError
@@ -24,7 +24,7 @@ _SHOWN_PARTS = 50  # parts in the table of a terminal
 _Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 
 
-@reported
+@reports_errors
 def history(
     folder: _Folder,
     json: options.Json = False,
@@ -86,7 +86,7 @@ def history(
             _show_parts(store.parts(shown, newest=_SHOWN_PARTS))
 
 
-@reported
+@reports_errors
 def override(
     folder: _Folder,
     part: Annotated[str, typer.Argument(metavar="PART", help="Id of the part.")],

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import threading
 
-from capture.base.console import complain, reported
+from capture.base.console import complain, reports_errors
 
 from .run import Host, Port
 from .teach import Station
 
 
-@reported
+@reports_errors
 def panel(folder: Station, host: Host = None, port: Port = None) -> None:
     """Serve the panel of a station until Ctrl-C, beside a run with --no-panel.
 

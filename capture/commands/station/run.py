@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from capture.base.console import reported
+from capture.base.console import reports_errors
 from capture.commands import options
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ _Collect = Annotated[
 _Events = Annotated[bool, typer.Option("--json", help="Print each event as one line of JSON.")]
 
 
-@reported
+@reports_errors
 def run(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")],
     rig: _Rig = None,

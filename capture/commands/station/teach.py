@@ -14,7 +14,7 @@ from capture.base.console import (
     print_json,
     print_table,
     progress,
-    reported,
+    reports_errors,
 )
 from capture.base.utc_time import readable_utc
 from capture.commands import options
@@ -37,7 +37,7 @@ By = Annotated[
 ]
 
 
-@reported
+@reports_errors
 def teach(
     folder: Station,
     sets: Annotated[
@@ -107,7 +107,7 @@ def teach(
     )
 
 
-@reported
+@reports_errors
 def approve(
     folder: Station,
     by: Annotated[str, typer.Option(help="Who approves it.", metavar="NAME")],
@@ -121,7 +121,7 @@ def approve(
     out.print(f"recipe {approved.name}, version {approved.version}: approved by {by}")
 
 
-@reported
+@reports_errors
 def roll_back(
     folder: Station,
     sha256: Annotated[

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from capture.base.console import complain, out, progress, reported
+from capture.base.console import complain, out, progress, reports_errors
 from capture.base.utc_time import readable_utc
 from capture.commands import options
 from capture.commands.rig_show import print_checks
@@ -13,7 +13,7 @@ from capture.commands.rig_show import print_checks
 from .teach import Station
 
 
-@reported
+@reports_errors
 def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to make.")],
 ) -> None:
@@ -27,7 +27,7 @@ def init(
     )
 
 
-@reported
+@reports_errors
 def doctor(folder: Station, as_json: options.Json = False) -> None:
     """Check everything that a station needs.
 
@@ -40,7 +40,7 @@ def doctor(folder: Station, as_json: options.Json = False) -> None:
     print_checks([*diagnose_station(folder), *diagnose_unit(folder)], as_json=as_json)
 
 
-@reported
+@reports_errors
 def unit(
     folder: Station,
     user: Annotated[
@@ -67,7 +67,7 @@ _BackupFile = Annotated[
 ]
 
 
-@reported
+@reports_errors
 def backup(folder: Station, path: _BackupFile) -> None:
     """Back up a station, also while it runs: results, sets, recipes, settings and users.
 
@@ -85,7 +85,7 @@ def backup(folder: Station, path: _BackupFile) -> None:
     out.print(f"{path}: {files} files, {path.stat().st_size / 1e6:.1f} MB")
 
 
-@reported
+@reports_errors
 def restore(
     path: _BackupFile,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to make.")],

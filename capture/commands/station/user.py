@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from capture.base.console import command_group, new_table, out, print_table, reported
+from capture.base.console import command_group, new_table, out, print_table, reports_errors
 from capture.base.utc_time import readable_utc
 
 _Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
@@ -27,7 +27,7 @@ token_app = command_group("The API clients: programs that may use a station's HT
 
 
 @user_app.command("add")
-@reported
+@reports_errors
 def add_user(folder: _Folder, name: _UserName, role: _RoleName) -> None:
     """Add a user, or change the role and password of one.
 
@@ -43,7 +43,7 @@ def add_user(folder: _Folder, name: _UserName, role: _RoleName) -> None:
 
 
 @user_app.command("kiosk")
-@reported
+@reports_errors
 def set_kiosk(folder: _Folder) -> None:
     """Set the PIN by which the line's screens log in as an operator.
 
@@ -62,7 +62,7 @@ def set_kiosk(folder: _Folder) -> None:
 
 
 @user_app.command("remove")
-@reported
+@reports_errors
 def remove_user(folder: _Folder, name: _UserName) -> None:
     """Remove a user; the sessions of this user end at once."""
     from capture.station.domain.folder import StationFolder
@@ -74,7 +74,7 @@ def remove_user(folder: _Folder, name: _UserName) -> None:
 
 
 @user_app.command("list")
-@reported
+@reports_errors
 def list_users(folder: _Folder) -> None:
     """List the users."""
     from capture.station.domain.folder import StationFolder
@@ -87,7 +87,7 @@ def list_users(folder: _Folder) -> None:
 
 
 @token_app.command("add")
-@reported
+@reports_errors
 def add_token(folder: _Folder, name: _ClientName, role: _RoleName) -> None:
     """Add an API client and print its token, which is not stored."""
     from capture.station.domain.folder import StationFolder
@@ -99,7 +99,7 @@ def add_token(folder: _Folder, name: _ClientName, role: _RoleName) -> None:
 
 
 @token_app.command("remove")
-@reported
+@reports_errors
 def remove_token(folder: _Folder, name: _ClientName) -> None:
     """Remove an API client; its token is invalid at once."""
     from capture.station.domain.folder import StationFolder
@@ -111,7 +111,7 @@ def remove_token(folder: _Folder, name: _ClientName) -> None:
 
 
 @token_app.command("list")
-@reported
+@reports_errors
 def list_tokens(folder: _Folder) -> None:
     """List the API clients."""
     from capture.station.domain.folder import StationFolder
