@@ -12,11 +12,13 @@ from pydantic import Field, model_validator
 
 from classify.base.models import Section
 
-from .verdict import Cause, told_apart
+from .verdict import Cause, distinct_texts
 
 _Positive = Annotated[float, Field(gt=0.0, le=1e6)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Pixels = Annotated[int, Field(ge=0)]
+Side = Literal["at least", "at most"]
+"""The values that a bound allows."""
 _Range = tuple[Annotated[float, Field(ge=0.0)], _Positive]
 
 
@@ -28,7 +30,8 @@ class LimitedMeasures:
     shadow_fraction: float | None = None  # shares of the region
     unmeasured_fraction: float | None = None
     albedo: float | None = None
-    angle_sd: float | None = None  # median, degrees; measured only where it is limited
+    # Median standard deviation of the normal in degrees; measured only if it has a limit.
+    angle_sd: float | None = None
     scale: float | None = None
     handedness: float | None = None
     octaves: float | None = None
@@ -45,13 +48,13 @@ class LimitRow:
     label: str  # of the measure
     side: Literal["least", "largest", "range"]
     cause: Cause  # of a value beyond the limit
-    form: str  # format of measure and limit
+    format_spec: str  # of measure and limit, such as ``.2f``
     of_teaching: bool = False  # whether teaching measures the limit
     in_reason: bool = False  # whether the reason of a PASS names the measure
     measure: str = ""  # the field that it bounds, by default that of its own name
 
-    def bounds(self, limit: float | _Range) -> Iterator[tuple[str, float]]:
-        """Yield the bounds of a limit, each with ``at least`` or ``at most``."""
+    def bounds(self, limit: float | _Range) -> Iterator[tuple[Side, float]]:
+        """Yield the bounds of a limit."""
         least, largest = limit if isinstance(limit, tuple) else (limit, limit)
         if self.side != "largest":
             yield "at least", least
@@ -61,17 +64,18 @@ class LimitRow:
     def within(self, value: float, limit: float | _Range) -> str:
         """Return a measure within its limit, as text."""
         if isinstance(limit, tuple):
-            low, high = (f"{bound:{self.form}}" for bound in limit)
-            return f"{self.label} {value:{self.form}} within {low} to {high}"
-        return f"{self.label} {value:{self.form}} of {limit:{self.form}}"
+            low, high = (f"{bound:{self.format_spec}}" for bound in limit)
+            return f"{self.label} {value:{self.format_spec}} within {low} to {high}"
+        return f"{self.label} {value:{self.format_spec}} of {limit:{self.format_spec}}"
 
 
-def beyond(value: float, words: str, bound: float, form: str) -> str | None:
+def beyond(value: float, side: Side, bound: float, format_spec: str) -> str | None:
     """Return a value beyond a bound and the bound, as text; None if it is not beyond."""
-    if value >= bound if words == "at least" else value <= bound:
+    is_within = value >= bound if side == "at least" else value <= bound
+    if is_within:
         return None
-    shown, limit = told_apart(value, bound, form)
-    return f"{shown}, {words} {limit}"
+    value_text, limit = distinct_texts(value, bound, format_spec)
+    return f"{value_text}, {side} {limit}"
 
 
 class Limits(Section):
@@ -108,7 +112,7 @@ class Limits(Section):
     blur_px: Annotated[
         _Positive | None,
         LimitRow("blur in px", "largest", Cause.BLUR, ".2f"),
-    ] = Field(default=None, description="largest blur against the taught parts")
+    ] = Field(default=None, description="largest blur in px relative to the taught parts")
     albedo: Annotated[
         _Range | None,
         LimitRow("albedo", "range", Cause.ALBEDO, ".3f", of_teaching=True),
@@ -130,7 +134,7 @@ class Limits(Section):
     ] = Field(
         default=None,
         strict=False,
-        description="least and largest size of the texture against the taught one",
+        description="least and largest ratio of the texture's size to the taught size",
     )
     handedness: Annotated[
         Annotated[float, Field(ge=-10.0, le=10.0)] | None,
@@ -147,14 +151,16 @@ class Limits(Section):
         _Positive | None,
         LimitRow("window score", "largest", Cause.WINDOW, ".2f", in_reason=True),
     ] = Field(
-        default=None, description="largest score of a spot or a window; 1 is the taught limit"
+        default=None,
+        description="largest difference of a spot or window from good ones; 1 is the taught limit",
     )
     seam: Annotated[
         _Positive | None,
         LimitRow("seam score", "largest", Cause.SEAM, ".2f", in_reason=True),
     ] = Field(
         default=None,
-        description="largest score of the directions in a window; 1 is the taught limit",
+        description="largest difference of a window's directions from those of good windows; 1 is "
+        "the taught limit",
     )
     defect: Annotated[
         _Positive | None,
@@ -181,8 +187,10 @@ class Limits(Section):
 class GeneralLimits(Limits):
     """Limits of all textures, with the default values of those that a recipe does not set."""
 
-    unmeasured_fraction: _Share = 0.05  # teaching takes it from the good parts
-    blur_px: _Positive = 1.0  # it removes the finest scale (``classify/texture/blur.py``)
+    unmeasured_fraction: _Share = 0.05  # teaching raises it to the share of the good parts
+    # A Gaussian of 1 px leaves 8 % of the power at 0.25 cycles per pixel, and less above: the
+    # finest octave is lost.
+    blur_px: _Positive = 1.0
     octaves: _Positive = 1.0
     window: _Positive = 1.0
     seam: _Positive = 1.0

@@ -100,9 +100,9 @@ class Verdict:
             raise ValueError(f"{self.decision} with causes {list(self.causes)}")
 
 
-def told_apart(value: float, bound: float, form: str) -> tuple[str, str]:
-    """Return two numbers as texts, with more digits than `form` (``.2f``) until they differ."""
-    digits, kind = int(form[1:-1]), form[-1]
+def distinct_texts(value: float, bound: float, format_spec: str) -> tuple[str, str]:
+    """Return two numbers as texts, with more digits than `format_spec` until they differ."""
+    digits, kind = int(format_spec[1:-1]), format_spec[-1]
     if math.isfinite(value) and value != bound:
         while digits < _MAX_DIGITS and f"{value:.{digits}{kind}}" == f"{bound:.{digits}{kind}}":
             digits += 1

@@ -5,7 +5,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
-from capture.station.domain.limits import MEASURES_OF, ROWS, LimitedMeasures, Limits, beyond
+from capture.station.domain.limits import (
+    MEASURES_OF,
+    ROWS,
+    LimitedMeasures,
+    Limits,
+    Side,
+    beyond,
+)
 from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from classify import Match
@@ -149,16 +156,16 @@ def _limit_findings(key: str, limits: Limits, measures: Measures | Match) -> Ite
     row, limit = ROWS[key], getattr(limits, key)
     if limit is not None:
         value = getattr(measures, row.measure or key)
-        for words, bound in row.bounds(limit):
-            yield from _bound_findings(row.label, value, words, bound, row.cause, row.form)
+        for side, bound in row.bounds(limit):
+            yield from _bound_findings(row.label, value, side, bound, row.cause, row.format_spec)
 
 
 def _bound_findings(
-    name: str, value: float | None, words: str, bound: float, cause: Cause, form: str
+    name: str, value: float | None, side: Side, bound: float, cause: Cause, format_spec: str
 ) -> Iterator[Finding]:
     if value is None or not math.isfinite(value):
         yield Finding(Cause.UNFORESEEN, f"{name}: {'not measured' if value is None else value}")
-    elif (text := beyond(value, words, bound, form)) is not None:
+    elif (text := beyond(value, side, bound, format_spec)) is not None:
         yield Finding(cause, f"{name} {text}")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture.station.domain import verdict
-from capture.station.domain.verdict import told_apart
+from capture.station.domain.verdict import distinct_texts
 
 TABLE = Path(verdict.__file__)
 LAST_ROW = next(line for line in TABLE.read_text().splitlines() if line.startswith("    WINDOW ="))
@@ -77,4 +77,4 @@ def test_a_wrong_row_is_refused_when_the_table_is_defined(row: str, fault: str) 
 def test_a_number_beyond_its_limit_has_the_digits_that_tell_them_apart(
     value: float, bound: float, form: str, texts: tuple[str, str]
 ) -> None:
-    assert told_apart(value, bound, form) == texts
+    assert distinct_texts(value, bound, form) == texts
