@@ -88,7 +88,7 @@ def gauge(
     if json:
         print_json(report.model_dump(mode="json"))
     else:
-        for line in (*report.lines, *study.wrong()):
+        for line in (*report.lines, *study.wrong_verdicts()):
             out.print(line)
     if study.rating != "acceptable":
         raise typer.Exit(1)
@@ -129,7 +129,7 @@ def _recorded(
 
     truths = read_known_parts(known)
     config = station.config
-    with open_store(config.results_in(station.path), config.name, alone=False) as store:
+    with open_store(config.results_in(station.path), config.name, exclusive=False) as store:
         for simulated in (False, True):
             # The verdicts of the station, not those of a person who overrode them.
             entries = store.parts(Selection(simulated=simulated, recipe=recipe))

@@ -164,7 +164,7 @@ def _draw_control(axes: Axes, history: ChartHistory, is_share: bool) -> None:
         if value is not None:
             axes.axhline(value, color=colour, linestyle=style, linewidth=1.2)
     axes.plot([point.value for point in points], color=_BLUE, linewidth=1.2)
-    broken = [(x, point.value) for x, point in enumerate(points) if point.broken]
+    broken = [(x, point.value) for x, point in enumerate(points) if point.broken_rules]
     if broken:
         axes.plot(*zip(*broken, strict=True), "o", color=_ALARM, markersize=4)
     axes.set_xlim(-0.5, max(len(points), 2) - 0.5)

@@ -19,7 +19,7 @@ from capture.station.results.statistics import (
     counted_periods,
     newest_measured,
 )
-from capture.station.run.control_chart import ChartHistory, chart_histories
+from capture.station.run.control_chart import BASELINE_POINTS, GROUP, ChartHistory, chart_histories
 from classify.base.errors import InputError
 from rig.config.lights import led_names
 
@@ -51,8 +51,8 @@ class StationStatistics:
     figures: dict[str, Figure]  # by their names; those without numbers are left out
 
     @property
-    def shown(self) -> str:
-        """What is shown: ``production`` or ``simulated``."""
+    def origin(self) -> str:
+        """Origin of the parts: ``production`` or ``simulated``."""
         return "simulated" if self.selection.simulated else "production"
 
 
@@ -61,14 +61,15 @@ def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
     store = panel.results.store
     counters, groups = counted(store, selection)
     tally = counters.simulated if selection.simulated else counters.production
+    # Of the distance, then of each LED.
     charts = chart_histories(newest_measured(store, selection))
     figures = (
         *_yield_figure(counted_periods(groups)),
         *_pareto_figure(
             "causes",
             "Causes",
-            "The gravest cause of each part that the station did not pass, or what was found wrong "
-            "with a part that is like no texture; overrides change nothing here.",
+            "Parts that the station did not pass, by their gravest cause. A part that is like no "
+            "texture counts under its next cause, if it has one. Overrides change nothing here.",
             counted_causes(groups),
         ),
         *_pareto_figure(
@@ -134,10 +135,10 @@ def _pareto_figure(
         return
     total, cumulative = sum(cause.parts for cause in causes), 0
     rows: list[tuple[_Cell, ...]] = []
-    for cause in causes:
-        cumulative += cause.parts
-        shares = (cause.parts / total, cumulative / total)
-        rows.append((str(cause.cause), cause.parts, cause.also, *shares))
+    for count in causes:
+        cumulative += count.parts
+        shares = (count.parts / total, cumulative / total)
+        rows.append((str(count.cause), count.parts, count.after_graver, *shares))
     yield Figure(
         name,
         title,
@@ -156,19 +157,21 @@ def _control_figures(charts: Sequence[ChartHistory], names: Sequence[str]) -> It
         rows = tuple(
             (
                 point.number, point.part_id, point.triggered_utc, point.value,
-                chart.centre, chart.lower, chart.upper, "; ".join(point.broken),
+                chart.centre, chart.lower, chart.upper, "; ".join(point.broken_rules),
             )
             for point in chart.points
         )  # fmt: skip
         remarks = tuple(
-            f"{point.part_id}: {'; '.join(point.begun)}" for point in chart.points if point.begun
+            f"{point.part_id}: {'; '.join(point.new_rules)}"
+            for point in chart.points
+            if point.new_rules
         )
         yield Figure(
             f"led-{number}" if number else "distance",
             title,
-            f"A point is the mean of five of the last {MAX_MEASURED} parts that matched a "
-            "texture; the first 20 points are the baseline. Marked points break a Western "
-            "Electric rule; the list says where that begins.",
+            f"Each point is the mean of {GROUP} consecutive parts, of the last {MAX_MEASURED} that "
+            f"matched a texture. The first {BASELINE_POINTS} points are the baseline. Marked "
+            "points break a Western Electric rule; the list names the part at which this begins.",
             (
                 "number", "part_id", "triggered_utc", "value", "centre", "lower_limit",
                 "upper_limit", "broken_rules",
@@ -184,11 +187,13 @@ def _gauge_figure(report: GaugeReport | None) -> Iterator[Figure]:
         return
     names = ("effectiveness", "misses", "false_alarms")
     shares = (report.effectiveness, report.misses, report.false_alarms)
+    # The rating; or what too few parts do not show; or the last kind of made faults.
+    conclusion = report.lines[-1]
     yield Figure(
         "gauge",
         f"Gauge study: {report.rating}",
         f"Recipe {report.recipe}, {report.utc[:10]}, {report.presentations} presentations"
-        f"{' of parts of a simulated rig' if report.simulated else ''}. {report.lines[-1]}.",
+        f"{' of parts of a simulated rig' if report.simulated else ''}. {conclusion}.",
         ("measure", "events", "trials", "share", "bound_95", "acceptable", "rating"),
         tuple(
             (

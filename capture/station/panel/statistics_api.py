@@ -34,7 +34,7 @@ def _statistics(call: ByOperator, _: Turn, filters: _Selected) -> Response:
     return JsonAnswer(
         {
             "station": call.panel.folder.config.name,
-            "shown": statistics.shown,
+            "shown": statistics.origin,
             **vars(statistics.tally),
             "figures": {
                 name: {

@@ -60,7 +60,7 @@ class CauseCount:
 
     cause: str  # a `Cause`, or the kind of a `DefectRecord`
     parts: int  # whose first cause it is; summed over causes, the number that did not pass
-    also: int  # parts that have it after a graver cause
+    after_graver: int  # parts that have it after a graver cause
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ def counted_causes(groups: Iterable[Row[Any]]) -> list[CauseCount]:
             as_other[cause] += count
     causes = as_first.keys() | as_other.keys()
     counts = [CauseCount(cause, as_first[cause], as_other[cause]) for cause in causes]
-    return sorted(counts, key=lambda count: (-count.parts, -count.also, count.cause))
+    return sorted(counts, key=lambda count: (-count.parts, -count.after_graver, count.cause))
 
 
 def counted_defects(store: ResultStore, selection: Selection) -> list[CauseCount]:

@@ -15,7 +15,7 @@ from capture.station.run.live_view import LiveEvent
 from rig.acceptance import EQUAL_LED_LEVELS
 
 _WARN_LED_LEVEL = 0.95
-"""Share of its taught level, against the brightest, below which an LED is named."""
+"""Level of an LED relative to the brightest, as a share of the taught ratio, that is named."""
 _MIN_LED_CHANGE = EQUAL_LED_LEVELS
 """Smaller differences from the baseline are no drift: sets need no correction for them."""
 
@@ -100,14 +100,14 @@ class _NewWarnings:
     def __init__(self) -> None:
         self._since: dict[str, int] = {}  # points since a warning last held
 
-    def begun(self, holding: Sequence[str]) -> tuple[str, ...]:
+    def new_among(self, warnings: Sequence[str]) -> tuple[str, ...]:
         """Return the new ones among the warnings that hold at a point."""
-        begun = tuple(text for text in holding if text not in self._since)
+        new = tuple(text for text in warnings if text not in self._since)
         counts = {
             text: count + 1 for text, count in self._since.items() if count < _MAX_RULE_POINTS
         }
-        self._since = counts | dict.fromkeys(holding, 0)
-        return begun
+        self._since = counts | dict.fromkeys(warnings, 0)
+        return new
 
 
 class _LiveChart:
@@ -118,7 +118,7 @@ class _LiveChart:
 
     def add(self, point: float, other_warnings: Iterable[str] = ()) -> tuple[str, ...]:
         """Add a point, at which `other_warnings` hold as well; return the new warnings."""
-        return self._warnings.begun([*other_warnings, *self._series.add(point)])
+        return self._warnings.new_among([*other_warnings, *self._series.add(point)])
 
 
 class ControlChart:
@@ -147,7 +147,7 @@ class ControlChart:
 
     def add(self, result: PartResult) -> list[str]:
         """Add a result; return its new notes and the new warnings of the charts."""
-        return [*self._notes.begun(result.notes), *self._of_measures(result)]
+        return [*self._notes.new_among(result.notes), *self._of_measures(result)]
 
     def _of_measures(self, result: PartResult) -> list[str]:
         if result.label is None or not _is_measured(
@@ -197,8 +197,8 @@ class _ChartPoint:
     part_id: str
     triggered_utc: str
     value: float  # arithmetic mean of levels, geometric mean of distances
-    broken: tuple[str, ...]  # Western Electric rules that the point breaks, in words
-    begun: tuple[str, ...]  # rules that a running station would report as new at this point
+    broken_rules: tuple[str, ...]  # Western Electric rules that the point breaks, in words
+    new_rules: tuple[str, ...]  # those of them that a running station would report as new
 
 
 @dataclass(frozen=True)
@@ -245,11 +245,13 @@ def _history(
     """Apply the rules to points of groups; `value_of` converts a point to chart units."""
     series, warnings, chart_points = _RuleSeries(min_change), _NewWarnings(), []
     for (*_, last), point in zip(groups, points, strict=True):
-        broken = series.add(point)
-        begun, value = warnings.begun(broken), value_of(point)
+        rules = series.add(point)
         chart_points.append(
-            _ChartPoint(last.number, last.part_id, last.triggered_utc, value, broken, begun)
-        )
+            _ChartPoint(
+                last.number, last.part_id, last.triggered_utc, value_of(point),
+                broken_rules=rules, new_rules=warnings.new_among(rules),
+            )
+        )  # fmt: skip
     if series.baseline is None:
         return ChartHistory(tuple(chart_points), len(chart_points), None, None, None)
     mean, three_sigma = series.baseline.mean, 3.0 * series.baseline.sigma

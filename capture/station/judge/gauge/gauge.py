@@ -127,7 +127,7 @@ class GaugeStudy:
             )
         return lines
 
-    def wrong(self) -> list[str]:
+    def wrong_verdicts(self) -> list[str]:
         """Return a line for each part with a wrong verdict: how often, and the first reason."""
         lines = []
         for part, is_good in self._wrong_parts().items():

@@ -34,7 +34,7 @@ class GaugeReport(Record):
     false_alarms: Share
     rating: Rating
     lines: tuple[str, ...]  # of `GaugeStudy`, then of `FaultStudy`
-    wrong: tuple[str, ...]
+    wrong: tuple[str, ...]  # `GaugeStudy.wrong_verdicts`, of the first parts
 
     @classmethod
     def of(
@@ -58,7 +58,7 @@ class GaugeReport(Record):
             false_alarms=study.false_alarms,
             rating=study.rating,
             lines=(*study.lines(), *faults),
-            wrong=tuple(study.wrong()[:_MAX_WRONG_ROWS]),
+            wrong=tuple(study.wrong_verdicts()[:_MAX_WRONG_ROWS]),
         )
 
 

@@ -64,7 +64,7 @@ def test_a_part_that_is_wrong_once_is_not_effective() -> None:
     found = study(10, 10, misses=1)
     assert (found.effectiveness.events, found.effectiveness.trials) == (19, 20)
     assert (found.misses.events, found.misses.trials) == (1, 30)
-    assert found.wrong() == ["bad 0, bad, 1 of 3 times wrong: PASS, why"]
+    assert found.wrong_verdicts() == ["bad 0, bad, 1 of 3 times wrong: PASS, why"]
 
 
 def test_without_bad_parts_nothing_is_acceptable() -> None:

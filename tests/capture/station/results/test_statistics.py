@@ -59,7 +59,7 @@ def test_counts_are_those_of_the_parts_one_by_one(store: ResultStore) -> None:
     assert {each.cause: each.parts for each in found} == {
         cause: sum(each[0] == cause for each in causes) for cause in {c for e in causes for c in e}
     }
-    assert {each.cause: each.also for each in found if each.also} == {
+    assert {each.cause: each.after_graver for each in found if each.after_graver} == {
         Cause.DEFECT: sum(Cause.DEFECT in each[1:] for each in causes)
     }
     assert [each.parts for each in found] == sorted((each.parts for each in found), reverse=True)
@@ -85,7 +85,9 @@ def test_kinds_of_defects_count_apart_from_causes(store: ResultStore) -> None:
     inspect(store, Decision.UNKNOWN)
     foreign = (Cause.NO_TEXTURE, Cause.BLUR, Cause.DEFECT, Cause.OCTAVES)
     inspect(store, Decision.UNKNOWN, verdict=Verdict(Decision.UNKNOWN, "sand", foreign))
-    found = [(each.cause, each.parts, each.also) for each in counted_causes(groups_of(store))]
+    found = [
+        (each.cause, each.parts, each.after_graver) for each in counted_causes(groups_of(store))
+    ]
     assert found[:2] == [(Cause.DEFECT, 3, 1), (Cause.NO_TEXTURE, 2, 3)]
     assert found[2:] == [(Cause.BLUR, 0, 1), (Cause.OCTAVES, 0, 1)]
     kinds = [(each.cause, each.parts) for each in counted_defects(store, PRODUCTION)]

@@ -175,7 +175,7 @@ def test_charts_of_recorded_parts_warn_where_a_running_station_did() -> None:
         (point.part_id, text)
         for chart in (distance, *levels)
         for point in chart.points
-        for text in point.begun
+        for text in point.new_rules
     }
     assert recorded == {(part_id, text.split(": ")[1].split(";")[0]) for part_id, text in running}
     assert distance.lower is not None
