@@ -116,7 +116,7 @@ def _results_of(folder: Path) -> ResultStore:
     from capture.station.results.store import open_store
 
     config = StationFolder(folder).config
-    return open_store(config.results_in(folder), config.name, alone=False)
+    return open_store(config.results_in(folder), config.name, exclusive=False)
 
 
 def _show(station: str, counters: Counters, include_simulated: bool) -> None:

@@ -68,7 +68,7 @@ class Inspection:
     defect_map: DefectMap | None = None  # None for a part whose nearest texture does not pass
     # Of the map, largest score first, then boxes of windows, in px of the whole image.
     defects: tuple[DefectRecord, ...] = ()
-    # Mean signal of each light against the taught one; empty if not measured.
+    # As `PartResult.led_levels`; empty if not measured.
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
 

@@ -44,11 +44,11 @@ def _login(call: ByAnybody) -> Response:
         user = call.panel.users.verified(name if is_allowed else "", password)
     next_path = _local_path(call.text("next", "/"))
     if user is None:
-        further = call.panel.logins.unrecorded()
-        if further is not None:
+        unrecorded = call.panel.logins.unrecorded()
+        if unrecorded is not None:
             via = "kiosk" if pin else "page"
             with suppress(ResultsUnavailable):  # the answer is the same in any case
-                call.panel.changes.record_failed_login(name, address, via, further)
+                call.panel.changes.record_failed_login(name, address, via, unrecorded)
         message = "The PIN is wrong." if pin else "Name or password is wrong."
         return _page(call, next_path, message)
     call.panel.logins.succeeded(name, address)

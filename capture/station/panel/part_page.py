@@ -81,7 +81,7 @@ def _facts(result: PartResult) -> Iterator[tuple[str, str | None]]:
     yield "recipe", recipe
     yield "texture", result.label or (result.nearest and f"unknown, nearest {result.nearest}")
     levels = ", ".join(f"{level:.0%}" for level in result.led_levels)
-    yield "LED levels, against the taught ones", levels or None
+    yield "LED levels, relative to the taught ones", levels or None
     times = ", ".join(f"{name} {ms:.0f}" for name, ms in result.timings_ms.items())
     yield "times in ms", times or None
     yield "notes", "; ".join(result.notes) or None

@@ -19,7 +19,7 @@ from classify.base.errors import InputError
 from .database import ResultsUnavailable
 from .history import HistoryEntry
 from .schema import changes
-from .store import AppendElsewhere, ResultStore, open_store
+from .store import AppendRemotely, ResultStore, open_store
 
 CHANGE_TIMEOUT_S = 5.0
 """Time for which a page waits for a locked database."""
@@ -73,19 +73,22 @@ class ResultsAccess:
     """Opens the results on first use; they may not exist yet."""
 
     def __init__(
-        self, folder: StationFolder, append_elsewhere: AppendElsewhere = lambda *_: False
+        self, folder: StationFolder, append_remotely: AppendRemotely = lambda *_: False
     ) -> None:
-        self._folder, self._append_elsewhere = folder, append_elsewhere
+        self._folder, self._append_remotely = folder, append_remotely
         self._lock = threading.Lock()
         self._store: ResultStore | None = None
 
     @property
     def store(self) -> ResultStore:
-        """The results."""
+        """The opened results; raises `ResultsUnavailable` if there is no database."""
         return self._opened(create=False)
 
-    def made(self) -> ResultStore:
-        """Return the results; make the database if there is none, and no set of a part either."""
+    def opened_or_created(self) -> ResultStore:
+        """Return the results; create a missing database if the station has no sets of parts.
+
+        A new database numbers parts from 1, so that new sets would overwrite those.
+        """
         return self._opened(create=not self._folder.has_sets())
 
     def _opened(self, *, create: bool) -> ResultStore:
@@ -98,12 +101,12 @@ class ResultsAccess:
                         results,
                         config.name,
                         create=create,
-                        alone=False,
+                        exclusive=False,
                         timeout_s=CHANGE_TIMEOUT_S,
                     )
                 except InputError as error:
                     raise ResultsUnavailable(str(error)) from error
-                self._store.append_elsewhere = self._append_elsewhere
+                self._store.append_remotely = self._append_remotely
             return self._store
 
     def close(self) -> None:
@@ -125,24 +128,23 @@ class ChangeLog:
     ) -> None:
         """Record a change, which must not be made if this raises `ResultsUnavailable`."""
         try:
-            record_change(
-                self._results.made(), what, before, after, by=who.name, role=who.role, via=who.via
-            )
+            store = self._results.opened_or_created()
+            record_change(store, what, before, after, by=who.name, role=who.role, via=who.via)
         except ResultsUnavailable as error:
             raise ResultsUnavailable(
                 f"nothing was changed, because the change cannot be recorded: {error}",
-                may_pass=error.may_pass,
+                is_transient=error.is_transient,
             ) from error
         old = "nothing" if before is None else before
         self._log(
             f"change by {who.name} ({who.role}, {who.via}): {what}: {old} -> {after or 'nothing'}"
         )
 
-    def record_failed_login(self, name: str, address: str, via: str, further: int) -> None:
-        """Record that somebody gave a wrong name, password or PIN; `further` ones had no row."""
+    def record_failed_login(self, name: str, address: str, via: str, unrecorded: int) -> None:
+        """Record a failed login, and the number of `unrecorded` ones since the last record."""
         what = f"login as {name[:_MAX_NAME_LENGTH]}"
-        after = "failed" + (f"; {further} further failed logins before it" if further else "")
-        store = self._results.made()
+        after = "failed" + (f"; {unrecorded} further failed logins before it" if unrecorded else "")
+        store = self._results.opened_or_created()
         record_change(store, what, None, after, by=address, role="none", via=via)
         self._log(f"{what} from {address}: {after}")
 
@@ -161,7 +163,11 @@ def override_part(
     by: str,
     reason: str,
 ) -> Decision:
-    """Give a part another verdict beside that of the station; an equal one changes nothing."""
+    """Give a part another verdict beside that of the station; an equal one changes nothing.
+
+    The override is in the name of `by`. The log of changes names `who`, such as the user of the
+    computer on whose terminal `by` decided.
+    """
     part_id, given = entry.result.part_id, decision.upper()
     if given not in (Decision.PASS, Decision.FAIL):
         raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")

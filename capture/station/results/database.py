@@ -41,9 +41,9 @@ class ResultsUnavailable(Ps4rigError):  # noqa: N818 - the state of a server, no
     exit_status = 3
     cause, device = Cause.STORAGE, "database"
 
-    def __init__(self, message: str, *, may_pass: bool = False) -> None:
+    def __init__(self, message: str, *, is_transient: bool = False) -> None:
         super().__init__(message)
-        self.may_pass = may_pass
+        self.is_transient = is_transient
 
 
 def database_url(results: str) -> URL:
@@ -178,7 +178,7 @@ def _lock_for(cursor: Any, url: URL, station: str) -> None:
         raise ResultsUnavailable(
             f"{shown(url)}: another program writes for station {station}; end it, or give this "
             "station another name",
-            may_pass=True,
+            is_transient=True,
         )
 
 
@@ -194,5 +194,5 @@ def unavailable_if_failing(url: URL) -> Iterator[None]:
         is_lost = isinstance(error, OperationalError | InterfaceError)
         raise ResultsUnavailable(
             f"{shown(url)}: {message or type(error).__name__}",
-            may_pass=is_lost and url.get_backend_name() == "postgresql",
+            is_transient=is_lost and url.get_backend_name() == "postgresql",
         ) from error

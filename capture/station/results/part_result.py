@@ -19,7 +19,7 @@ MEASURES = (
 )  # fmt: skip
 # Largest number of characters of a text: an exception may contain a whole document.
 MAX_TEXT = 2000
-_MAX_INTEGER = 2**63 - 1  # of a column of both databases
+_MAX_INTEGER = 2**63 - 1  # of a column, in SQLite and in PostgreSQL
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ class PartResult(LimitedMeasures):
     margin: float | None = None
     blur_px: float | None = None
     defects: tuple[DefectRecord, ...] = ()  # largest score first; those of windows last
-    led_levels: tuple[float, ...] = ()  # against the taught ones, in the order of the lights
+    # Of each light: its level relative to the brightest, as a share of the taught ratio.
+    led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     # Place in the chain of hashes of the station; None before the result is recorded.
@@ -104,7 +105,7 @@ def _columns() -> dict[str, Any]:
     columns: dict[str, Any] = {}
     for name in PartResult.__annotations__:
         columns |= get_type_hints(Verdict) if name == "verdict" else {name: hints[name]}
-        if name == "blur_px":
+        if name == "blur_px":  # the measures with limits follow those of the match
             columns |= {field.name: float | None for field in fields(LimitedMeasures)}
     return columns
 

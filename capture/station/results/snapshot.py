@@ -42,7 +42,10 @@ def copy_results(address: str, station: str, target: Path) -> ResultsSnapshot:
         if url.get_backend_name() != "sqlite":
             return _dump(address, url, station, target)
         _copy_file(Path(address), target)
-        with open_store(str(target), station, alone=False) as copy, copy.reading() as connection:
+        with (
+            open_store(str(target), station, exclusive=False) as copy,
+            copy.reading() as connection,
+        ):
             return _snapshot(connection, station)
 
 
@@ -69,7 +72,7 @@ def _dump(address: str, url: URL, station: str, target: Path) -> ResultsSnapshot
             f"{shown(url)}: pg_dump is missing; install postgresql-client in the version of the "
             "server"
         )
-    with open_store(address, station, alone=False) as store, store.reading() as connection:
+    with open_store(address, station, exclusive=False) as store, store.reading() as connection:
         # Files and dump are of the same moment.
         connection.exec_driver_sql("SET TRANSACTION ISOLATION LEVEL REPEATABLE READ")
         moment = connection.exec_driver_sql("SELECT pg_export_snapshot()").scalar_one()

@@ -73,7 +73,7 @@ class RefusedTrigger(NamedTuple):
     part_id: str | None = None
 
 
-AppendElsewhere = Callable[[str, list[dict[str, Any]], str | None], bool]
+AppendRemotely = Callable[[str, list[dict[str, Any]], str | None], bool]
 """Lets another process append rows, as `ResultStore.append_rows`; False if there is none."""
 
 
@@ -88,7 +88,7 @@ class ResultStore:
     ) -> None:
         self.url, self.station, self._timeout_s = url, station, timeout_s
         self._writer, self._reader = writer, reader
-        self.append_elsewhere: AppendElsewhere = lambda *_: False
+        self.append_remotely: AppendRemotely = lambda *_: False
 
     def __enter__(self) -> Self:
         return self
@@ -118,7 +118,7 @@ class ResultStore:
                 with unavailable_if_failing(self.url), self._writer.begin() as connection:
                     return work(connection)
             except ResultsUnavailable as error:
-                if not error.may_pass or time.monotonic() >= last_attempt_s:
+                if not error.is_transient or time.monotonic() >= last_attempt_s:
                     raise
             time.sleep(_RETRY_S)
 
@@ -190,7 +190,7 @@ class ResultStore:
             | {key: storable(cell) if isinstance(cell, str) else cell for key, cell in row.items()}
             for row in rows
         ]
-        if not self.append_elsewhere(table.name, new_rows, of_part):
+        if not self.append_remotely(table.name, new_rows, of_part):
             self.append_rows(table.name, new_rows, of_part)
 
     def append_rows(self, name: str, new_rows: list[dict[str, Any]], of_part: str | None) -> None:
@@ -300,12 +300,12 @@ def _begun_part(row: Row[Any]) -> BegunPart:
 
 
 def open_store(
-    results: str, station: str, *, create: bool = False, alone: bool = True,
+    results: str, station: str, *, create: bool = False, exclusive: bool = True,
     timeout_s: float = TIMEOUT_S,
 ) -> ResultStore:  # fmt: skip
     """Open the results of a station.
 
-    `create` makes missing tables. `alone` prevents that a second program writes.
+    `create` makes missing tables. `exclusive` refuses a second program that writes.
     """
     url = database_url(results)
     if url.get_backend_name() == "sqlite":
@@ -314,14 +314,14 @@ def open_store(
         writer = sqlite_engine(url, timeout_s=timeout_s, is_writer=True)
         reader = sqlite_engine(url, timeout_s=timeout_s, is_writer=False)
     else:
-        name = station if alone else None
+        name = station if exclusive else None
         writer = postgresql_engine(url, timeout_s=timeout_s, writing_station=name)
         reader = postgresql_engine(url, timeout_s=timeout_s, writing_station=None)
     store = ResultStore(url, station, writer, reader, timeout_s)
     try:
         if create:
             store.write(lambda connection: make_tables(connection, shown(url)))
-        elif alone:  # the connection that writes takes the lock of the station
+        elif exclusive:  # the connection that writes takes the lock of the station
             store.write(lambda connection: require_tables(connection, shown(url)))
         else:  # a program that only reads may have no permission to write
             with store.reading() as connection:

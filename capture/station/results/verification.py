@@ -24,7 +24,7 @@ def verify_station(folder: Path, head: str | None = None) -> Iterator[FileFindin
     # Findings about the results themselves are listed under ``station.toml``.
     try:
         config = StationFolder(folder).config
-        with open_store(config.results_in(folder), config.name, alone=False) as store:
+        with open_store(config.results_in(folder), config.name, exclusive=False) as store:
             yield from _results(folder, store, head)
     except (Ps4rigError, ValueError) as error:  # ValueError of a row that holds no JSON
         yield FileFinding(folder / CONFIG, "altered", f"its results cannot be read: {error}")

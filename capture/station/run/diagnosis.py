@@ -100,7 +100,7 @@ def _check_results(station: StationFolder) -> Iterator[Check]:
     if "://" not in results and not Path(results).exists():
         yield Check("results", "ok", f"the first run makes {results}")
         return
-    with open_store(results, config.name, alone=False) as store:
+    with open_store(results, config.name, exclusive=False) as store:
         require_own_sets(station, store)
         yield from check_results(store)
         broken = next(broken_links(store.reading, store.station, _NEWEST_LINKS), None)

@@ -226,6 +226,6 @@ class _Panel:
             case "announce", (about,):
                 live.announce(about)
             case "append", (table, rows, of_part):
-                self._results.made().append_rows(table, rows, of_part)
+                self._results.opened_or_created().append_rows(table, rows, of_part)
                 return True
         return None

@@ -77,7 +77,7 @@ def _priority(event: Event) -> int:
 
 
 def _fields(event: Event) -> Iterator[tuple[str, str]]:
-    """``PS4RIG_PART_ID`` and the like: texts and numbers, and each element of a list of them."""
+    """Yield fields such as ``PS4RIG_PART_ID``, one for each text, number or element of a list."""
     for key, value in json_fields(event).items():
         for item in value if isinstance(value, list) else [value]:
             if isinstance(item, str | int | float):

@@ -28,7 +28,7 @@ ADA = Identity("ada", Role.ENGINEER, "command")
 
 def rows(station: Path) -> list[ChangeRecord]:
     """The log of changes, the oldest first."""
-    with open_store(str(station / "results.sqlite"), "station", alone=False) as store:
+    with open_store(str(station / "results.sqlite"), "station", exclusive=False) as store:
         return newest_changes(store, 100)[::-1]
 
 

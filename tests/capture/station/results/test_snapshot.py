@@ -19,11 +19,11 @@ from tests.postgresql_server import PostgresqlServer
 def opened_copy(database: str, copy: Path, request: pytest.FixtureRequest) -> ResultStore:
     """Open a copy; a dump is restored into another database of the server."""
     if "://" not in database:
-        return open_store(str(copy), "line-1", alone=False)
+        return open_store(str(copy), "line-1", exclusive=False)
     server: PostgresqlServer = request.getfixturevalue("server")
     url = server.make_database(f"restored-{uuid4()}")
     subprocess.run(["pg_restore", "--no-owner", f"--dbname={url}", copy], check=True, timeout=120)
-    return open_store(url, "line-1", alone=False)
+    return open_store(url, "line-1", exclusive=False)
 
 
 def test_a_copy_is_of_one_moment_while_a_station_writes(

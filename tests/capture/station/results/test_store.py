@@ -142,7 +142,7 @@ def test_tables_of_another_version_are_refused(
     engine.dispose()
     for create in (True, False):
         with pytest.raises(InputError, match=f"of version {version}, and this program has version"):
-            open_store(database, "line-1", create=create, alone=False)
+            open_store(database, "line-1", create=create, exclusive=False)
 
 
 TABLES = (
@@ -272,7 +272,7 @@ def test_a_second_program_of_a_station_is_refused(server: PostgresqlServer) -> N
         with pytest.raises(ResultsUnavailable, match="another program writes for station line-1"):
             open_store(url, "line-1", timeout_s=0.5)
         part_id = inspect(store).part_id
-        with open_store(url, "line-1", alone=False) as beside:
+        with open_store(url, "line-1", exclusive=False) as beside:
             beside.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
         assert store.counters().production.verdicts == {Decision.FAIL: 1}
 

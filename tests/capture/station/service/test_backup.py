@@ -119,7 +119,7 @@ def test_a_backup_during_the_run_holds_what_was_announced_before_it(tmp_path: Pa
         made.run(Manual(feed), 6)
         announced = made.announced()
     restored = restore(path, tmp_path / "again")
-    with open_store(str(restored / "results.sqlite"), "line-1", alone=False) as store:
+    with open_store(str(restored / "results.sqlite"), "line-1", exclusive=False) as store:
         rows = [(each.result.part_id, each.result.verdict.decision) for each in store.parts()]
     assert rows == announced[:4]
     assert {finding.state for finding in verify_station(restored)} == {"good"}
