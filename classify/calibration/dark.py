@@ -163,9 +163,9 @@ def measured_at(dark: Dark) -> str:
 _HOT_DEVIATIONS = 6.0
 # Good industrial sensors have fewer than one hot pixel in a thousand.
 _MAX_HOT_SHARE = 0.01
-# Shares of full scale. An 8-bit camera of gamma 2.2 with an offset of 1/64 shows 15 % in the dark;
-# a lens that is open in a lit room shows more, or a scene. The glow of a sensor's electronics
-# stays below 1 % of full scale at exposures of up to a second.
+# Shares of full scale. An 8-bit camera of gamma 2.2 with an offset of 1/64 shows 15 % in the dark.
+# The glow of a sensor's electronics stays below 1 % at exposures of up to a second. A lens that is
+# open in a lit room exceeds `_MAX_OFFSET`, or shows a scene, which exceeds `_MAX_STRUCTURE`.
 _MAX_OFFSET, _MAX_STRUCTURE = 0.25, 0.02
 # Share of full scale by which a light may raise a block: less than the least signal of an LED.
 _MAX_LEAK_SHARE = 0.002
@@ -179,7 +179,7 @@ _MAX_CLIPPED_SHARE = 0.001
 
 @dataclass(frozen=True, eq=False)
 class DarkFrames:
-    """A dark part and further measures of its frames."""
+    """A `Dark`, and further measures of the frames that it is from."""
 
     dark: Dark
     fixed_pattern: float  # standard deviation of the pixels' offsets, in pixel values

@@ -37,6 +37,8 @@ def own_scatter_limits(library: TextureLibrary) -> dict[str, float]:
     limit_of_class: dict[str, float] = {}
     for label in library.classes:
         is_member = labels == label
+        # Without other classes, none caps the limit; as one set, the class has no distances
+        # between sets that would raise it.
         names, sets = labels[is_member].tolist(), [0] * int(is_member.sum())
         signatures = library.signatures[is_member]
         limit_of_class |= limits(names, sets, signatures, library.parameters, library.uniformity)
@@ -61,17 +63,20 @@ def dendrogram(dissimilarities: Floats) -> Dendrogram:
     return Dendrogram(drawn["leaves"], np.stack([np.array(drawn["dcoord"]), places], axis=-1))
 
 
-def embedding(distances: Floats, dissimilarities: Floats) -> Floats:
-    """(n, 2) map of sets by landmark multidimensional scaling (de Silva and Tenenbaum 2004)."""
-    squares = np.square(dissimilarities)
+def embedding(set_to_class: Floats, class_to_class: Floats) -> Floats:
+    """(n, 2) map of sets by landmark multidimensional scaling (de Silva and Tenenbaum 2004).
+
+    The landmarks are the classes: the distances are (n, C) and (C, C).
+    """
+    squares = np.square(class_to_class)
     means = squares.mean(axis=0)
     centred = -0.5 * (squares - means - means[:, None] + squares.mean())
     values, vectors = np.linalg.eigh(centred)
-    places = np.zeros((len(distances), 2))
+    places = np.zeros((len(set_to_class), 2))
     for axis, index in enumerate(np.argsort(values)[::-1][:2]):
         if values[index] > 1e-9 * abs(values).max():
             axis_weights = vectors[:, index] / np.sqrt(values[index])
-            places[:, axis] = -0.5 * (np.square(distances) - means) @ axis_weights
+            places[:, axis] = -0.5 * (np.square(set_to_class) - means) @ axis_weights
     return places
 
 

@@ -1,5 +1,7 @@
 """Kernels of `in_fill`: unknown slopes, as smooth and curl-free as the known ones.
 
+Two lights fix the scaled normal of a pixel to a line b = b0 + t d, along which the pixel moves;
+pixels with fewer lights move freely.
 Each kernel runs over a list of pixels. The number of threads changes no bit of the result.
 """
 
@@ -23,21 +25,21 @@ from .unsolved import (
 # Largest distance from a solved pixel at which slopes are filled in: with one light or none, and
 # with two lights. The error grows with it; test_ps4_robust.py limits the error of the slopes.
 _REACH_DARK_PX, _REACH_PX = 8, 24
-# Further steps change slopes by less than the noise (test_ps4_robust.py limits the errors).
-_STEPS = 15
+# Further iterations change slopes by less than the noise (test_ps4_robust.py limits the errors).
+_ITERATIONS = 15
 # Smallest eigenvalue that the Chebyshev iteration damps, as a share of the largest; it belongs to
 # errors about ten pixels wide. A smaller one leaves more error in narrow shadows after the same
-# number of steps.
+# number of iterations.
 _LEAST_EIGENVALUE = 0.012
 # Smallest z of a normal on the line of two lights: a slope of 75 degrees. The ends of the line are
 # steeper, and a camera from above would not see such a surface.
 _MIN_NZ = np.float32(0.26)
-# Squared slope by which a step may overshoot, as accelerated steps do at first. With more they
-# diverge, with less they stop early (evidence.true_normals, thirty textures at slant 70).
+# Squared slope by which a move along a line may overshoot, as accelerated moves do at first. With
+# more they diverge, with less they stop early (evidence.true_normals, thirty textures at slant 70).
 _OVERSHOOT = np.float32(0.01)
 # Pixels per block of `_move`; its 18 float32 buffers of this length fit in a first-level cache.
 _BLOCK = 256
-# Factor on the weight of the curl: every surface has zero curl, but not zero steps of slope.
+# Factor on the weight of the curl: every surface has zero curl, but not zero differences of slope.
 _CURL_WEIGHT = 2.0
 
 
@@ -71,9 +73,12 @@ def neighbour_weights(
         count += 1
     if count < 16:  # too few blocks for a mean
         return np.float32(1.0), np.float32(1.0)
-    # The sums have four steps of albedo, each half of the relative step, and eight steps of slope.
+    # Mean squares: slope / (8 count) of differences of slope; curl / count; relative / count of
+    # relative differences of albedo, as a block has four terms, each the square of half of one. The
+    # floors are an rms of 0.001.
     albedo_weight = slope / max(8.0 * relative, 8e-6 * count)
     curl_weight = _CURL_WEIGHT * slope / max(8.0 * curl, 8e-6 * count)
+    # Caps for surfaces of one albedo, and for gradients without noise, which have no curl.
     return np.float32(min(albedo_weight, 100.0)), np.float32(min(curl_weight, 30.0))
 
 
@@ -102,6 +107,7 @@ def _first_on_line(
     start = A / np.sqrt(one + P * P + Q * Q) * (d[2] - P * d[0] - Q * d[1])
     smallest_error, best = np.float32(np.inf), np.float32(0.0)
     p, q, rho = P, Q, A
+    # From -1.5 A to 1.5 A around the projection of the target on d; `relax` refines the result.
     for i in range(-8, 9):
         t = start + np.float32(0.1875 * i) * A
         length = np.sqrt(square + t * t)
@@ -129,9 +135,9 @@ def _step_along_line(
     dp, dq = -(d[0] + p * d[2]) * inverse, -(d[1] + q * d[2]) * inverse
     dr = t / rho
     relative = albedo_weight / (A * A)
-    slope = slope_weight * ((p - P) * dp + (q - Q) * dq) + relative * (rho - A) * dr
+    gradient = slope_weight * ((p - P) * dp + (q - Q) * dq) + relative * (rho - A) * dr
     curvature = slope_weight * (dp * dp + dq * dq) + relative * dr * dr
-    return np.float32(-slope / curvature)
+    return np.float32(-gradient / curvature)
 
 
 @kernel_part
@@ -179,7 +185,8 @@ def relax(
     """Smooth the unsolved pixels towards the minimum that `link` describes."""
     # Chebyshev semi-iteration (Golub and Varga 1961): all pixels move at once, so no direction is
     # preferred.
-    # Largest eigenvalue of the iteration: 2 for the steps between neighbours, 4 for the curl.
+    # Largest eigenvalue of the iteration: the mean of 2, of differences between neighbours with
+    # weight 1, and 4, of the curl with weight 4 curl_weight.
     largest = (2.0 + 16.0 * float(curl_weight)) / (1.0 + 4.0 * float(curl_weight))
     middle = 0.5 * largest * (1.0 + _LEAST_EIGENVALUE)
     radius = 0.5 * largest * (1.0 - _LEAST_EIGENVALUE)
@@ -194,7 +201,7 @@ def relax(
             new_values,
         )  # fmt: skip
 
-    for _ in range(_STEPS):
+    for _ in range(_ITERATIONS):
         unsolved.run(move_part, strip_px)
         values, new_values = new_values, values
         previous, ratio = ratio, 1.0 / (2.0 * middle / radius - ratio)
@@ -245,6 +252,7 @@ def _keep_edges(near: Array, pairs: Array, depth: Array) -> None:
             m = near[n, j]
             if m == NOTHING or (m >= 0 and depth[m] == NOT_REACHED):
                 pairs[n] = SKIPPED
+            # The last row of `values` is 0: this neighbour adds nothing.
             if m < 0:
                 near[n, j] = len(pairs)
         if depth[n] == NOT_REACHED:

@@ -46,6 +46,7 @@ def _drop_extremes(
     zero, one = np.float32(0.0), np.float32(1.0)
     for r in range(rows):
         dark = ambient[min(r, len(ambient) - 1)]
+        # L^T i of all lights until the pixel is solved, then its scaled normal b.
         bx = np.zeros(columns, np.float32)
         by = np.zeros(columns, np.float32)
         bz = np.zeros(columns, np.float32)
@@ -86,6 +87,7 @@ def _drop_extremes(
                 )
                 bx[c], by[c], bz[c] = x, y, z
             elif lowest[c] == highest[c]:
+                # All values are equal. The diagonal of `inverses` is that of all lights.
                 i = NO_DROPPED_LIGHT
                 bx[c], by[c], bz[c] = _times(inverses[0, 0], bx[c], by[c], bz[c])
             elif lowest_count[c] > one or highest_count[c] > one:
@@ -99,11 +101,12 @@ def _drop_extremes(
                 x = bx[c] - lowest[c] * directions[0, i] - highest[c] * directions[0, j]
                 y = by[c] - lowest[c] * directions[1, i] - highest[c] * directions[1, j]
                 z = bz[c] - lowest[c] * directions[2, i] - highest[c] * directions[2, j]
+                # NaN: the other lights lie in one plane. b = 0 makes the pixel invalid.
                 if np.isnan(inverse[0, 0]):
                     bx[c], by[c], bz[c] = zero, zero, zero
                 else:
                     bx[c], by[c], bz[c] = _times(inverse, x, y, z)
-            dropped[r, c] = i
+            dropped[r, c] = i  # the darkest of the two: see `SurfaceEstimate.dropped`
         judge_row(
             images, dark, lights, gains, directions, r, bx, by, bz, floors, dark_albedo,
             p, q, albedo, valid, dark_counts,
@@ -126,7 +129,10 @@ def _without_saturated(
     images: Array, dark: np.float32, lights: Array, gains: Array, directions: Array,
     saturation: np.float32, r: int, c: int,
 ) -> tuple[int, np.float32, np.float32, np.float32]:  # fmt: skip
-    """Solve without the lowest and the saturated lights; return the lowest, and b or 0."""
+    """Solve without the lowest and the saturated lights.
+
+    Returns the index of the lowest light, and b, which is 0 if too few lights remain.
+    """
     count = len(images)
     used = np.ones(count, np.bool_)
     low, lowest = 0, np.float32(np.inf)
