@@ -8,7 +8,12 @@ import numpy.typing as npt
 from classify.base.arrays import FloatMap, Floats
 from classify.base.errors import InputError
 from classify.surface.estimate import SurfaceEstimate
-from classify.texture.orientation import STEP_DEG, best_shift, roll_angles, squared_errors_by_shift
+from classify.texture.orientation import (
+    ANGLE_STEP_DEG,
+    best_shift,
+    roll_angles,
+    squared_errors_by_shift,
+)
 from classify.texture.spectra import ANGLES, image_spectrum, polar_radii_px, surface_spectra
 
 from .classifier import Comparison, Observation, Parameters, simple_classifier
@@ -62,7 +67,7 @@ def _compare_polar(test: FloatMap, references: FloatMap, _: Parameters) -> Compa
     errors = squared_errors_by_shift(test, references)
     energy = _energy(test[None]) + _energy(references)
     shifts = best_shift(errors)
-    return Comparison(np.maximum(errors.min(axis=1), 0.0) / energy, shifts * STEP_DEG)
+    return Comparison(np.maximum(errors.min(axis=1), 0.0) / energy, shifts * ANGLE_STEP_DEG)
 
 
 def _profiles(observation: PolarSpectra, _: Parameters) -> FloatMap:
@@ -86,7 +91,7 @@ def _compare_profiles(test: FloatMap, references: FloatMap, _: Parameters) -> Co
         )
         for channel in range(2)
     ]
-    return Comparison(np.mean(shares, axis=0), shifts * STEP_DEG)
+    return Comparison(np.mean(shares, axis=0), shifts * ANGLE_STEP_DEG)
 
 
 def _energy(rows: npt.NDArray[np.floating]) -> Floats:
@@ -127,7 +132,7 @@ def _compare_2d(test: FloatMap, references: FloatMap, _: Parameters) -> Comparis
         axis=(2, 3)
     )
     shares = difference / np.maximum(energy, np.finfo(np.float64).tiny)
-    return Comparison(shares.mean(axis=1), shifts * STEP_DEG)
+    return Comparison(shares.mean(axis=1), shifts * ANGLE_STEP_DEG)
 
 
 IMAGE_POLAR = simple_classifier(

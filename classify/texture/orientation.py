@@ -20,7 +20,7 @@ from classify.base.threads import run_on_rows
 
 from .spectra import ANGLES
 
-STEP_DEG = 180.0 / ANGLES
+ANGLE_STEP_DEG = 180.0 / ANGLES
 
 
 def squared_errors_by_shift(
@@ -49,19 +49,25 @@ def best_shift(errors: Floats) -> Floats:
 
 
 def _refined_minima(errors: Floats, flat_below: Floats) -> tuple[Floats, Floats]:
-    """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola."""
+    """(n,) positions and values of the minima of (n, A) periodic errors, by a parabola.
+
+    A curvature up to `flat_below` is rounding: such a minimum is not refined.
+    """
     count = errors.shape[-1]
     lowest = np.argmin(errors, axis=-1)
     row = np.arange(len(errors))
     before, minima, after = (errors[row, (lowest + step) % count] for step in (-1, 0, 1))
     curvature = before - 2.0 * minima + after
-    flat = curvature <= flat_below + 1e-30
+    flat = curvature <= flat_below + 1e-30  # also where all errors are 0
     offset = np.where(flat, 0.0, 0.5 * (before - after) / np.where(flat, 1.0, curvature))
     return lowest + offset, minima - 0.25 * (before - after) * offset
 
 
 def roll_angles(polar: npt.NDArray[np.floating], shifts: Floats) -> Floats:
-    """(n, ..., A) `polar` (..., A) shifted back by (n,) `shifts`, by a Fourier phase ramp."""
+    """(n, ..., A) `polar` (..., A), shifted to smaller angles by (n,) `shifts` in grid steps.
+
+    Shifts by fractions of a step interpolate, by a Fourier phase ramp.
+    """
     transform = np.fft.rfft(polar.astype(np.float64))
     order = np.arange(transform.shape[-1])
     count = polar.shape[-1]
@@ -71,8 +77,8 @@ def roll_angles(polar: npt.NDArray[np.floating], shifts: Floats) -> Floats:
     return shifted
 
 
-# Agreement below which a texture determines no orientation; its rates on 52 textures are in
-# tests/evidence/orientation_flags.py.
+# Sharpness below which a texture determines no orientation. tests/evidence/orientation_flags.py
+# prints how often correct and mistyped orientations of 52 textures are flagged.
 MIN_SHARPNESS = 0.45
 
 
@@ -87,7 +93,7 @@ class OrientationProfile:
         distance_deg = np.abs((np.arange(180) - near_deg + 90.0) % 180.0 - 90.0)
         allowed = np.where(distance_deg <= within_deg, self.agreement, -np.inf)
         index = int(np.argmax(allowed))
-        # A parabola through a peak; the end of a slope is not refined.
+        # A peak is refined by a parabola; the end of the allowed range need not be a peak.
         around = self.agreement[[index - 1, index, (index + 1) % 180]]
         if around.argmax() != 1:
             return float(index), float(around[1])
@@ -96,11 +102,11 @@ class OrientationProfile:
 
 
 HARMONICS = 16
-"""Harmonics of a series, zero included: they resolve 12 degrees, more than spectra contain."""
+"""Harmonics of a series, zero included: the highest has a period of 12 degrees."""
 
 # Shifts that are compared, one degree apart; a parabola refines the best of them.
 _SHIFTS = 180
-_STEP_DEG = 180.0 / _SHIFTS
+_SHIFT_STEP_DEG = 180.0 / _SHIFTS
 # Relative curvature below which rounding decides, so that the parabola has no vertex.
 _MIN_CURVATURE = 1e-9
 
@@ -124,19 +130,25 @@ def harmonics(polar: npt.NDArray[np.floating[Any]]) -> Complex:
 
 
 def least_error(test: Complex, references: Complex) -> _LeastError:
-    """Compare a stack of maps, (K, 16) series, with (n, K, 16), all shifted by one angle."""
+    """Compare a stack of K maps, (K, 16) series, with n stacks, (n, K, 16).
+
+    The maps of a stack are shifted by one angle.
+    """
     correlations, zeroth, energies = _correlations(test, references)
     total = energies.sum(axis=1)
     errors = total[:, None] - 2.0 * correlations
     shifts, minima = _refined_minima(errors, _MIN_CURVATURE * total)
     sharpness = np.clip(_agreement(correlations.max(axis=1), zeroth, energies), 0.0, 1.0)
     # The second modulo: a remainder of -1e-17 is rounded up to 180.
-    shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _STEP_DEG
+    shifts_deg = (shifts % _SHIFTS % _SHIFTS) * _SHIFT_STEP_DEG
     return _LeastError(np.maximum(minima, 0.0), shifts_deg, sharpness)
 
 
 def agreement_by_shift(test: Complex, references: Complex) -> Floats:
-    """(n, 180) share of the energy of harmonics but 0 that agrees, at shifts of 0 to 179 deg."""
+    """(n, 180) agreement of the directional harmonics, 1 to 15, at shifts of 0 to 179 degrees.
+
+    It is the share of their energy that agrees.
+    """
     correlations, zeroth, energies = _correlations(test, references)
     return _agreement(correlations.T, zeroth, energies).T
 
@@ -148,13 +160,17 @@ def _agreement(correlations: Floats, zeroth: Floats, energies: Floats) -> Floats
 
 
 def _correlations(test: Complex, references: Complex) -> tuple[Floats, Floats, Floats]:
-    """(n, 180) correlations by shift, (n,) of harmonic 0 alone, and (n, 16) energies."""
+    """(n, 180) correlations by shift, (n,) of harmonic 0 alone, and (n, 16) energies.
+
+    An energy is the sum of those of test and reference.
+    """
     cross = np.empty((len(references), HARMONICS), np.complex128)
     energies = np.empty(cross.shape, np.float64)
     count, maps, length = references.shape
     run_on_rows(partial(_products, test, references, cross, energies), (count, maps * length))
     padded = np.zeros((len(cross), _SHIFTS // 2 + 1), np.complex128)
     padded[:, :HARMONICS] = cross
+    # `harmonics` counts the negative harmonics in the positive ones; irfft adds them again.
     padded[:, 1:] *= 0.5
     correlations = np.fft.irfft(padded, n=_SHIFTS, norm="forward")
     energies += _squares(test).sum(axis=0, dtype=np.float64)
