@@ -28,7 +28,7 @@ def test_the_light_changes_before_the_acknowledge(controller: Any) -> None:
         switch = lights.select(1)
         assert before_s <= switch.acknowledged_s <= controller.clock.now_s()
         controller.clock.sleep_s(0.01)
-        # The LED starts to rise after the request and is half up 1 ms after the acknowledge.
+        # The LED starts to rise after the request and is half up 1 ms after the acknowledgement.
         assert controller.board.output(1, before_s) == 0.0
         assert controller.board.output(1, switch.acknowledged_s + 0.001) > 0.5
 
