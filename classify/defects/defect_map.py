@@ -1,7 +1,7 @@
 """`DefectMap` of a part, and the regions in which it exceeds the limit."""
 
-from dataclasses import dataclass
-from typing import Final, Literal
+from dataclasses import dataclass, replace
+from typing import Final, Literal, Self
 
 import cv2
 import numpy as np
@@ -46,6 +46,11 @@ class DefectMap:
     score: FloatMap
     shape: tuple[int, int]
     cell_px: int = CELL_PX
+
+    def in_units_of(self, limit: float | None) -> Self:
+        """Return the scores divided by another limit; None divides by 1.0."""
+        unit = 1.0 if limit is None else limit
+        return replace(self, **{name: getattr(self, name) / unit for name in (*KINDS, "score")})
 
     @property
     def worst(self) -> float:

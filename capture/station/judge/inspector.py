@@ -35,7 +35,6 @@ from capture.station.results.part_result import DefectRecord, PartResult
 from classify import DefectMap, TextureLibrary, regions_of
 from classify.base.threads import in_background
 from classify.classifiers.joint import ring_levels
-from classify.defects.defect_map import KINDS
 from classify.defects.fields import part_fields
 from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
@@ -242,11 +241,9 @@ class Inspector:
 
     def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:
         """Outline the defects above a limit; their scores are in units of it."""
-        unit = 1.0 if limit is None else limit
-        scaled = {name: getattr(defect_map, name) / unit for name in (*KINDS, "score")}
         left, top = self._corner
         records = []
-        for region in regions_of(replace(defect_map, **scaled))[:_MAX_DEFECTS]:
+        for region in regions_of(defect_map.in_units_of(limit))[:_MAX_DEFECTS]:
             x, y, width, height = region.box
             records.append(
                 DefectRecord(

@@ -1,7 +1,7 @@
 """`PartView`: the solved surface of a stored part, in its frame, with outlined defects."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -99,8 +99,9 @@ def _scores(
     if judged is None or judged.defect_model is None or result.orientation_deg is None:
         return None
     defect_map = judged.defect_model.map_of(measured.surface, result.orientation_deg)
-    limit = judged.recipe.limits_for(result.label or result.nearest or "").defect or 1.0
-    return replace(defect_map, **{kind: getattr(defect_map, kind) / limit for kind in KINDS})
+    return defect_map.in_units_of(
+        judged.recipe.limits_for(result.label or result.nearest or "").defect
+    )
 
 
 def _in_pixels(scores: DefectMap) -> FloatMap:

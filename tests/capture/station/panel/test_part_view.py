@@ -48,19 +48,26 @@ def inspected(inspector: Inspector, captured: CapturedSet) -> PartResult:
     return inspector.inspect(captured).recorded(part)
 
 
-@pytest.mark.parametrize("region", [None, Region(x=40, y=24, width=200, height=216)])
+@pytest.mark.parametrize(
+    ("region", "limit"),
+    [(None, 1.0), (Region(x=40, y=24, width=200, height=216), 1.0), (None, 1.5)],
+)
 def test_defects_are_outlined_where_the_inspector_found_them(
     station: Path,
     stained: CapturedSet,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     region: Region | None,
+    limit: float,
 ) -> None:
     folder, path = StationFolder(station), tmp_path / "part.ome.tif"
     stained.save(path)
     inspector = Inspector.load(folder.recipe_files())
     given = judged_by(folder, inspected(inspector, stained))
-    inspector.recipe = inspector.recipe.model_copy(update={"region": region})
+    limits = inspector.recipe.limits_for("rock").model_copy(update={"defect": limit})
+    inspector.recipe = inspector.recipe.model_copy(
+        update={"region": region, "limits_of": {"rock": limits}}
+    )
     changed = replace(given, recipe=inspector.recipe)
     monkeypatch.setattr(part_view_module, "judged_by", lambda *_: changed)
     result = inspected(inspector, stained)
@@ -68,7 +75,7 @@ def test_defects_are_outlined_where_the_inspector_found_them(
 
     view = part_view(folder, result, path)
     assert view.notes == ()
-    assert np.nanmax(view.score) == pytest.approx(result.defect_score)
+    assert np.nanmax(view.score) == pytest.approx(result.defect_score / limit)
     for defect, outline in zip(result.defects, view.outlines, strict=True):
         corners = np.array(outline)
         left, top = corners.min(axis=0)
