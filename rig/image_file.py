@@ -42,6 +42,7 @@ _MAX_COMPRESSION = 200
 _ROTATIONS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 _MIRRORED = (2, 4, 5, 7)
 _TGA_SIGNATURE, _TGA_PREMULTIPLIED = b"TRUEVISION-XFILE.\0", 4
+_TGA_RGB, _TGA_GREY, _TGA_RUN_LENGTHS = 2, 3, 8  # image types, and the bit of their compression
 _PREMULTIPLIED = "its colours are multiplied by their alpha; save it without alpha"
 # EXIF data, XMP with its extensions, and image resources.
 _METADATA_SEGMENTS = (b"Exif\0", b"EXIF\0", b"exif\0", b"http://ns.adobe.com/", b"Photoshop 3.0\0")
@@ -54,7 +55,7 @@ _TIFF_COMPRESSIONS = (
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _PNG_SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # of a pixel, by colour type
 _PNG_PALETTE, _PNG_GREY_ALPHA = 3, 4
-_PNG_TEXTS = (b"EXt", b"TXt")
+_PNG_TEXTS = (b"tEXt", b"zTXt", b"iTXt")  # chunks that begin with a keyword
 _PNG_METADATA = ("eXIf", "XML:com.adobe.xmp", "exif:Orientation", "iCCP", "sRGB", "gAMA", "cICP")
 
 _RAW = (".cr2", ".cr3", ".nef", ".nrw", ".arw", ".raf", ".orf", ".rw2", ".pef", ".srw")
@@ -94,7 +95,8 @@ def read_image_file(path: Path) -> tuple[_Image, ImageMetadata]:
     kind, reader = readers[path.suffix.lower()]
     content = read_regular_file(path, _MAX_BYTES)
     try:
-        # Pillow warns of oddities in EXIF data that do not concern the image.
+        # Pillow warns of oddities in EXIF data that do not concern the image. Only a truncated
+        # directory (a count of 2 bytes, entries of 12) is an error: it may lack the orientation.
         with warnings.catch_warnings(action="ignore"):
             warnings.filterwarnings("error", r"Corrupt EXIF data\. +Expecting to read (2|12) bytes")
             pixels, metadata = reader(content)
@@ -155,7 +157,7 @@ def _png(content: bytes) -> _Decoded:
     if b"acTL" in kinds:
         raise InputError("an animation; save one image")
     names = [
-        chunk[8:].split(b"\0")[0] if chunk[5:8] in _PNG_TEXTS else chunk[4:8] for chunk in chunks
+        chunk[8:].split(b"\0")[0] if chunk[4:8] in _PNG_TEXTS else chunk[4:8] for chunk in chunks
     ]
     for name in (name.decode("latin-1") for name, count in Counter(names).items() if count > 1):
         if name in _PNG_METADATA or name.startswith("Raw profile type "):
@@ -166,11 +168,13 @@ def _png(content: bytes) -> _Decoded:
     # Pillow reads only the chunks before the pixels.
     chunks.sort(key=lambda chunk: chunk[4:8] in (b"IDAT", b"IEND"))
     info = PngImageFile(io.BytesIO(_PNG_SIGNATURE + b"".join(chunks))).info
-    # Transfer characteristics of ITU-T H.273, then full-range RGB.
-    code = kinds.get(b"cICP", b"")[1:]
-    responses = {b"\x08\0\1": "linear", b"\x0d\0\1": "srgb"}
-    stated = responses.get(code, f"colour space {[*code]}")
-    metadata = metadata_of_info(info, *[stated] * (b"cICP" in kinds))
+    stated_responses = []
+    if b"cICP" in kinds:
+        # Transfer characteristics of ITU-T H.273, then full-range RGB.
+        code = kinds[b"cICP"][1:]
+        responses = {b"\x08\0\1": "linear", b"\x0d\0\1": "srgb"}
+        stated_responses = [responses.get(code, f"colour space {[*code]}")]
+    metadata = metadata_of_info(info, *stated_responses)
     if image.ndim == 2 or colour_type == _PNG_GREY_ALPHA:
         return np.atleast_3d(image)[:, :, 0], metadata
     return image[:, :, :3], metadata
@@ -205,15 +209,20 @@ def _check_png_header(chunks: list[bytes], file_bytes: int) -> int:
 def _tga(content: bytes) -> _Decoded:
     from PIL.TgaImagePlugin import TgaImageFile
 
-    if (content[2] & ~8, content[16]) not in ((2, 24), (2, 32), (3, 8)):
+    image_type, bits = content[2], content[16]
+    if (image_type & ~_TGA_RUN_LENGTHS, bits) not in (
+        (_TGA_RGB, 24),
+        (_TGA_RGB, 32),
+        (_TGA_GREY, 8),
+    ):
         raise InputError(
-            f"TGA of type {content[2]} with {content[16]} bits a pixel; save it as PNG, grey or RGB"
+            f"TGA of type {image_type} with {bits} bits a pixel; save it as PNG, grey or RGB"
         )
     image = TgaImageFile(io.BytesIO(content))
     _require_size(image.height, image.width, 4 * image.width * image.height, len(content))
     try:
         pixels = np.asarray(image)
-    except OSError as error:  # a run length that crosses rows is one too
+    except OSError as error:  # also for a run that crosses rows, in a complete file
         raise InputError(f"TGA: {error}; it may be truncated, else save it as PNG") from error
     # Extension area of the TGA specification 2.0: gamma as a fraction, and the type of alpha.
     start = int.from_bytes(content[-26:-22], "little") * content.endswith(_TGA_SIGNATURE)
@@ -294,6 +303,7 @@ def _tiff_pixels(page: "tifffile.TiffPage") -> Array:
 
 
 _CFA, _LINEAR_RAW, _UNSIGNED = 32803, 34892, 1
+_RATIONALS = (5, 10)  # field types of TIFF 6.0, unsigned and signed
 _CFA_LAYOUT, _RECTANGULAR = 50711, 1
 # Tags of the Digital Negative Specification 1.7.
 _BLACK_REPEAT, _BLACK, _BLACK_DELTA_H, _BLACK_DELTA_V, _WHITE = range(50713, 50718)
@@ -359,7 +369,8 @@ def _from_black_to_white(values: Array, page: Any) -> npt.NDArray[np.uint16]:
 def _numbers(page: Any, tag: int, *default: float) -> FloatMap:
     entry = page.tags.get(tag)
     numbers = np.ravel(default if entry is None else entry.value).astype(np.float32)
-    return numbers[::2] / numbers[1::2] if entry is not None and entry.dtype in (5, 10) else numbers
+    is_rational = entry is not None and entry.dtype in _RATIONALS
+    return numbers[::2] / numbers[1::2] if is_rational else numbers
 
 
 def _opcodes(content: bytes) -> Iterator[int]:

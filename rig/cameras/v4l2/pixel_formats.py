@@ -1,4 +1,4 @@
-"""Decode a driver's bytes into an image (H, W) of known depth, and encode some as a camera would.
+"""Decode a driver's bytes into an image (H, W) of known depth; encode images in some formats.
 
 Pixel values by kind of format:
 
@@ -38,15 +38,16 @@ class PixelFormat:
     fourcc: str
     bit_depth: int  # the true one: valid values are below 2^bit_depth
     bytes_per_px: int  # in memory; 0 for a compressed format
-    # From rows (H, W * bytes_per_px) without padding, whose memory the image may share.
-    to_pixels: Callable[[_Bytes], Pixels]
+    # From rows (H, W * bytes_per_px) without padding, whose memory the image may share; None for a
+    # compressed format, which `_from_jpeg` decodes.
+    to_pixels: Callable[[_Bytes], Pixels] | None
     # Rows without padding; None for a format that cannot be written.
     to_bytes: Callable[[Pixels], bytes] | None = None
 
     @property
     def is_compressed(self) -> bool:
         """Whether the format is compressed with loss."""
-        return self.bytes_per_px == 0
+        return self.to_pixels is None
 
 
 def decode(
@@ -57,7 +58,8 @@ def decode(
     bytes_per_line: int,
 ) -> Pixels:
     """Decode the image in the filled part of a buffer, whose memory it may share."""
-    if pixel_format.is_compressed:
+    to_pixels = pixel_format.to_pixels
+    if to_pixels is None:
         return _from_jpeg(data, width_px, height_px)
     row_bytes = width_px * pixel_format.bytes_per_px
     stride = bytes_per_line or row_bytes
@@ -77,7 +79,7 @@ def decode(
     rows: _Bytes = np.lib.stride_tricks.as_strided(
         np.frombuffer(data, np.uint8), (height_px, row_bytes), (stride, 1)
     )
-    pixels = pixel_format.to_pixels(rows)
+    pixels = to_pixels(rows)
     limit = 1 << pixel_format.bit_depth
     if pixels.dtype == np.uint16 and limit <= int(pixels.max()):
         raise CameraError(
@@ -163,7 +165,7 @@ PIXEL_FORMATS = {
         PixelFormat("UYVY", "UYVY", 8, 2, _from_bytes(1, 2), _to_luma(1)),
         PixelFormat("RGB24", "RGB3", 8, 3, _luma_of("RGB")),
         PixelFormat("BGR24", "BGR3", 8, 3, _luma_of("BGR")),
-        PixelFormat("MJPG", "MJPG", 8, 0, _from_bytes(0, 1)),
+        PixelFormat("MJPG", "MJPG", 8, 0, None),
         *(
             PixelFormat(f"{order}{depth}", fourcc, depth, bytes_per_px, to_pixels)
             for order, fourccs in _BAYER_FOURCCS.items()
