@@ -185,7 +185,7 @@ def _entries(
             sections += _entries(section, {}, section_mark)
             continue
         value = given.get(key, None if field.is_required() else field.default)
-        shown = (field.examples or [None])[0] if value is None else value
+        entry = (field.examples or [None])[0] if value is None else value
         mark = "# " if value is None else comment_mark
-        yield f"{mark}{key} = {json.dumps(shown)}  # {field.description}"
+        yield f"{mark}{key} = {json.dumps(entry)}  # {field.description}"
     yield from sections

@@ -18,7 +18,7 @@ from .roles import Role, require_name
 _FILE = "tokens.json"
 _MAX_CLIENTS = 1000
 _PREFIX = "ps4_"  # tools that look for secrets in repositories find it
-_SECRET_BYTES = 32
+_SECRET_BYTES = 32  # random bytes of a token
 
 
 class Client(Section):

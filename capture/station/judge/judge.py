@@ -21,7 +21,7 @@ from classify.texture.orientation import MIN_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE
 
 STOP_LED_LEVEL = 0.85
-"""Least level of an LED, as a share of the taught one, against the brightest LED."""
+"""Least level of an LED relative to the brightest, as a share of the taught ratio."""
 
 _MAX_LIGHT_WHILE_OFF = 0.15
 """Largest share of an LED's light with all LEDs off; as large as the loss at `STOP_LED_LEVEL`."""

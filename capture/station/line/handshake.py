@@ -136,7 +136,7 @@ class Handshake:
         self._error: Refusal | None = None
         # Number of the last part that was begun, exposed and announced.
         self._begun = self._exposed = self._announced = 0
-        self._shown: PartResult | None = None
+        self._shown_result: PartResult | None = None
         self._waiting: deque[PartResult] = deque()
         self._overruns = 0
         self._is_wrong_ack = False
@@ -244,7 +244,7 @@ class Handshake:
                 "overruns": self._overruns,
                 "selected": self.selection.position,
                 "select_error": self.selection.error or 0,
-                **registers_of(self._shown),
+                **registers_of(self._shown_result),
             },
         )
 
@@ -256,7 +256,7 @@ class Handshake:
             Status.ACK: self._is_accepted,
             Status.EXPOSURE_COMPLETE: is_exposed and self._begun > 0,
             Status.BUSY: self.is_busy,
-            Status.RESULTS_VALID: self._shown is not None,
+            Status.RESULTS_VALID: self._shown_result is not None,
             Status.REFUSED: self._error is not None,
             Status.WRONG_ACK: self._is_wrong_ack,
             Status.SIMULATED: self._station.simulated,
@@ -276,7 +276,7 @@ class Handshake:
     @property
     def has_results(self) -> bool:
         """Whether there are results that the PLC has not acknowledged."""
-        return self._shown is not None or bool(self._waiting)
+        return self._shown_result is not None or bool(self._waiting)
 
     # Triggers.
 
@@ -316,7 +316,7 @@ class Handshake:
         required = self.commands["recipe"]
         if required not in (0, self._position()):
             return Refusal.RECIPE, f"recipe {required} is not the loaded one"
-        if len(self._waiting) + (self._shown is not None) >= MAX_WAITING:
+        if len(self._waiting) + (self._shown_result is not None) >= MAX_WAITING:
             reason = f"{MAX_WAITING} results wait for an acknowledgement"
             return Refusal.RESULTS_WAITING, reason
         return None
@@ -343,18 +343,18 @@ class Handshake:
         self._show_next()
 
     def _acknowledge(self, number: int) -> None:
-        if self._shown is not None and self._shown.number % _NUMBER_COUNT == number:
-            self._shown = None
+        if self._shown_result is not None and self._shown_result.number % _NUMBER_COUNT == number:
+            self._shown_result = None
         else:
             self._is_wrong_ack = True
 
     def _show_next(self) -> None:
         """Show the next result, once the PLC has ended its acknowledgement of the last one."""
-        if self._shown is None and self._waiting and not self._is_acknowledging():
+        if self._shown_result is None and self._waiting and not self._is_acknowledging():
             # A result can be known before the answer to its trigger.
             if self._plc_triggers and self._waiting[0].number > self._begun:
                 return
-            self._shown = self._waiting.popleft()
+            self._shown_result = self._waiting.popleft()
 
     def _is_acknowledging(self) -> bool:
         return bool(self.commands["commands"] & Command.RESULTS_ACK)

@@ -32,7 +32,7 @@ from .line import TICK_S, PlcLine
 from .registers import PLC, PLC_ADDRESS, PLC_WORDS, STATION, STATION_WORDS, decoded, encoded
 
 _log = logging.getLogger(__name__)
-_READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)
+_READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)  # function codes
 # Largest number: for a PLC, its spare, a panel of the line and a few programs of engineers.
 MAX_CONNECTIONS = 16
 # Time of silence after which a client makes room for a new one. A PLC polls several times a second.

@@ -20,7 +20,7 @@ from .render import page
 
 router = APIRouter(prefix=V1)
 pages = APIRouter(include_in_schema=False)
-_SHOWN_CHANGES = 200
+_SHOWN_CHANGES = 200  # the newest
 _Account = answer("Account", name=str, role=Role)
 _Users = answer("Users", users=conlist(_Account))
 _Client = answer("Client", _Account, created_utc=str)

@@ -20,10 +20,10 @@ def answer(model: str, base: type = Record, /, *left_out: str, **fields: Any) ->
     if is_dataclass(base):
         known = {key: kind for key, kind in get_type_hints(base).items() if key not in left_out}
         base, fields = Record, known | fields
-    made: dict[str, Any] = {
+    model_fields: dict[str, Any] = {
         key: kind if isinstance(kind, tuple) else (kind, ...) for key, kind in fields.items()
     }
-    return create_model(model, __base__=base, **made)
+    return create_model(model, __base__=base, **model_fields)
 
 
 def media(media_type: str) -> dict[str, Any]:

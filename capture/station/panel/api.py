@@ -50,6 +50,7 @@ from .triggering import MAX_KEY_LENGTH
 
 _MAX_ROWS = 500
 PARTS = 50
+"""Number of rows of an answer and of a page, by default."""
 _MAX_WAIT_S = 30.0
 router = APIRouter(prefix=V1)
 Below = Annotated[

@@ -42,7 +42,7 @@ _DECISION_COLOURS = {
 class Chart:
     """A chart that is drawn when it is shown."""
 
-    about: str  # what it shows, in a sentence, for screen readers
+    description: str  # what it shows, in a sentence, for screen readers
     draw: Callable[[Axes], None]
     rows: int | None = None  # number of horizontal bars, each of which has a name and a number
 
@@ -101,8 +101,8 @@ def _draw_yield(axes: Axes, periods: Sequence[Period]) -> None:
 
 def _name_below(axes: Axes, names: Sequence[str]) -> None:
     """Label x = 0, 1, 2 ... with at most `_MAX_NAMES` of the names."""
-    shown = range(0, len(names), -(-len(names) // _MAX_NAMES))
-    axes.set_xticks(shown, [names[x] for x in shown])
+    positions = range(0, len(names), -(-len(names) // _MAX_NAMES))
+    axes.set_xticks(positions, [names[x] for x in positions])
 
 
 def _legend_above(axes: Axes) -> None:
@@ -121,8 +121,8 @@ def _short(period: str) -> str:
 
 def causes_chart(causes: Sequence[CauseCount], title: str) -> Chart:
     """Draw the share of each cause or kind of defect, the largest on top, and their sum."""
-    about = f"{title} of parts that did not pass, and their cumulative share"
-    return Chart(about, partial(_draw_causes, causes=causes), len(causes))
+    description = f"{title} of parts that did not pass, and their cumulative share"
+    return Chart(description, partial(_draw_causes, causes=causes), len(causes))
 
 
 def _draw_causes(axes: Axes, causes: Sequence[CauseCount]) -> None:
@@ -147,9 +147,9 @@ def _label_rows(axes: Axes, names: Sequence[str], numbers: Sequence[str]) -> Non
         axes.text(1.04, row, text, va="center", fontsize=LETTERS_PT)
 
 
-def control_chart(history: ChartHistory, about: str, *, is_share: bool) -> Chart:
+def control_chart(history: ChartHistory, description: str, *, is_share: bool) -> Chart:
     """Draw points, mean and limits of the baseline, and points that break a rule."""
-    return Chart(about, partial(_draw_control, history=history, is_share=is_share))
+    return Chart(description, partial(_draw_control, history=history, is_share=is_share))
 
 
 def _draw_control(axes: Axes, history: ChartHistory, is_share: bool) -> None:

@@ -59,7 +59,7 @@ def subscribed(
 
 async def _place(call: ByOperator) -> AsyncIterator[None]:
     """Hold a place among the event streams until the answer ends."""
-    with call.panel.event_streams.taken():
+    with call.panel.event_streams.slot():
         yield
 
 

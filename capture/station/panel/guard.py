@@ -135,7 +135,7 @@ ByAdministrator = Annotated[Call, Security(_call, scopes=[Role.ADMINISTRATOR])]
 
 def _turn(call: ByOperator) -> Iterator[None]:
     """Refuse a request that may read all parts while others do."""
-    with call.panel.reckoning.taken():
+    with call.panel.reckoning.slot():
         yield
 
 

@@ -41,14 +41,14 @@ class JsonAnswer(JSONResponse):
 
 def page(call: "Call", template: str, status: int = 200, **values: Any) -> HTMLResponse:
     """Return the page of a template with some values."""
-    made, values = _template(call, template, status, values)
-    return HTMLResponse(made.render(values), status)
+    page_template, values = _template(call, template, status, values)
+    return HTMLResponse(page_template.render(values), status)
 
 
 def slow_page(call: "Call", template: str, status: int = 200, **values: Any) -> StreamingResponse:
     """Return a page that is sent while a thread still makes the rest of it."""
-    made, values = _template(call, template, status, values)
-    return StreamingResponse(made.generate(values), status, media_type="text/html")
+    page_template, values = _template(call, template, status, values)
+    return StreamingResponse(page_template.generate(values), status, media_type="text/html")
 
 
 def _template(
@@ -57,7 +57,7 @@ def _template(
     """Return a template, and its values with those of every page."""
     who = call.who
     menu = [each for each in _MENU if who is not None and who.role.includes(each[-1])]
-    about = {
+    common_values = {
         "who": who,
         "status": status,
         "menu": menu,
@@ -67,4 +67,4 @@ def _template(
         "zone": local_zone(),
         "version": version("ps4rig"),
     }
-    return templates(_HERE / "templates").get_template(template), about | values
+    return templates(_HERE / "templates").get_template(template), common_values | values

@@ -49,7 +49,7 @@ class Slots:
         self._free, self._busy = threading.BoundedSemaphore(count), f"{count} {busy}"
 
     @contextmanager
-    def taken(self) -> Iterator[None]:
+    def slot(self) -> Iterator[None]:
         """Hold a slot during the block."""
         if not self._free.acquire(blocking=False):
             raise Denied(503, self._busy, {"Retry-After": "2"})

@@ -158,7 +158,7 @@ class LoginLimit:
     @contextmanager
     def attempt(self, name: str, address: str) -> Iterator[None]:
         """Try a password in the block; Denied if too many wait, or after too many failures."""
-        with self._trying.taken():
+        with self._trying.slot():
             wait_s = self.begin(name, address)
             if wait_s > 0.0:
                 seconds = str(math.ceil(wait_s))

@@ -153,12 +153,12 @@ class StationLink(LiveView):
         finally:
             with self._sending:
                 self._connection = None
-                lost, self._replies = self._replies, {}
-            for reply in lost.values():
+                unanswered, self._replies = self._replies, {}
+            for reply in unanswered.values():
                 reply.set_exception(RunUnavailable(f"{NO_RUN}: it ended before its answer"))
             if not self._ending.is_set():
-                shown = replace(self._state, inspected=None, rejected=())
-                self.begin(replace(shown, state=State.PREOPERATIONAL, reason=NO_RUN))
+                state_without_parts = replace(self._state, inspected=None, rejected=())
+                self.begin(replace(state_without_parts, state=State.PREOPERATIONAL, reason=NO_RUN))
 
     def _handle(self, line: dict[str, Any], connection: socket.socket) -> None:
         match line:

@@ -42,7 +42,7 @@ class KeyedTriggers:
 
     def submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | _Repeated:
         """Pass a trigger on; with a key that was accepted before, return its part."""
-        with self._slots.taken():
+        with self._slots.slot():
             return self._submit(key, trigger)
 
     def _submit(self, key: str | None, trigger: Trigger) -> Accepted | Refused | _Repeated:

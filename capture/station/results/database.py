@@ -56,12 +56,12 @@ def database_url(results: str) -> URL:
         kind = results.partition("://")[0]
         raise InputError(f"results = {kind}://...: {_RESULTS_FORM}") from error
     if url.drivername not in ("postgresql", "postgresql+psycopg") or not url.database:
-        raise InputError(f"results = {shown(url)}: {_RESULTS_FORM}")
+        raise InputError(f"results = {safe_url(url)}: {_RESULTS_FORM}")
     return url.set(drivername="postgresql+psycopg")
 
 
-def shown(url: URL) -> str:
-    """Return an address for messages, without its passwords."""
+def safe_url(url: URL) -> str:
+    """Return an address without its passwords, for messages."""
     if url.get_backend_name() == "sqlite":
         return str(url.database)
     hidden = {name: "***" for name in url.query if "pass" in name.lower()}
@@ -144,7 +144,7 @@ def postgresql_engine(url: URL, *, timeout_s: float, writing_station: str | None
         )
     except ModuleNotFoundError as error:
         raise InputError(
-            f"{shown(url)}: needs the driver of PostgreSQL; pip install 'ps4rig[postgresql]'"
+            f"{safe_url(url)}: needs the driver of PostgreSQL; pip install 'ps4rig[postgresql]'"
         ) from error
 
     @event.listens_for(engine, "connect")
@@ -166,7 +166,7 @@ def _require_utf8(cursor: Any, url: URL) -> None:
     encoding = cursor.execute("SHOW server_encoding").fetchone()[0]
     if encoding != "UTF8":
         raise InputError(
-            f"{shown(url)}: the database has the encoding {encoding}, which cannot hold every "
+            f"{safe_url(url)}: the database has the encoding {encoding}, which cannot hold every "
             "text; make one with UTF8"
         )
 
@@ -176,7 +176,7 @@ def _lock_for(cursor: Any, url: URL, station: str) -> None:
     [is_free] = cursor.execute(lock, (_LOCK_CLASS, station)).fetchone()
     if not is_free:
         raise ResultsUnavailable(
-            f"{shown(url)}: another program writes for station {station}; end it, or give this "
+            f"{safe_url(url)}: another program writes for station {station}; end it, or give this "
             "station another name",
             is_transient=True,
         )
@@ -193,6 +193,6 @@ def unavailable_if_failing(url: URL) -> Iterator[None]:
         message = " ".join(str(error.orig if isinstance(error, DBAPIError) else error).split())
         is_lost = isinstance(error, OperationalError | InterfaceError)
         raise ResultsUnavailable(
-            f"{shown(url)}: {message or type(error).__name__}",
+            f"{safe_url(url)}: {message or type(error).__name__}",
             is_transient=is_lost and url.get_backend_name() == "postgresql",
         ) from error

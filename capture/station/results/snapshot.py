@@ -14,7 +14,7 @@ from sqlalchemy import URL, Connection, select
 from classify.base.errors import InputError
 
 from .chain import head
-from .database import TIMEOUT_S, database_url, shown, unavailable_if_failing
+from .database import TIMEOUT_S, database_url, safe_url, unavailable_if_failing
 from .history import PAGE_ROWS
 from .schema import removed_sets, results, same_part
 from .store import open_store
@@ -69,7 +69,7 @@ def _dump(address: str, url: URL, station: str, target: Path) -> ResultsSnapshot
     program = shutil.which("pg_dump")
     if program is None:
         raise InputError(
-            f"{shown(url)}: pg_dump is missing; install postgresql-client in the version of the "
+            f"{safe_url(url)}: pg_dump is missing; install postgresql-client in the version of the "
             "server"
         )
     with open_store(address, station, exclusive=False) as store, store.reading() as connection:
@@ -108,9 +108,9 @@ def _run(url: URL, command: tuple[str, ...], variables: Mapping[str, str]) -> No
             check=True,
         )
     except subprocess.CalledProcessError as error:
-        raise InputError(f"{shown(url)}: pg_dump: {error.stderr.strip()}") from error
+        raise InputError(f"{safe_url(url)}: pg_dump: {error.stderr.strip()}") from error
     except subprocess.TimeoutExpired as error:
-        raise InputError(f"{shown(url)}: pg_dump took more than an hour") from error
+        raise InputError(f"{safe_url(url)}: pg_dump took more than an hour") from error
 
 
 def _snapshot(connection: Connection, station: str) -> ResultsSnapshot:

@@ -20,7 +20,7 @@ from .database import (
     ResultsUnavailable,
     database_url,
     postgresql_engine,
-    shown,
+    safe_url,
     sqlite_engine,
     unavailable_if_failing,
 )
@@ -143,12 +143,12 @@ class ResultStore:
             if part_id is not None:
                 require_new_part_id(connection, self.station, part_id)
             number = self._last(connection, begun_parts.c.number) + 1
-            begun = BegunPart(
+            part = BegunPart(
                 part_id or made_part_id(number), number, storable(trigger), triggered_utc, simulated
             )
-            row = {"station": self.station, "request": request, **vars(begun)}
+            row = {"station": self.station, "request": request, **vars(part)}
             connection.execute(insert(begun_parts).values(row))
-            return begun
+            return part
 
         return self.write(work)
 
@@ -320,12 +320,12 @@ def open_store(
     store = ResultStore(url, station, writer, reader, timeout_s)
     try:
         if create:
-            store.write(lambda connection: make_tables(connection, shown(url)))
+            store.write(lambda connection: make_tables(connection, safe_url(url)))
         elif exclusive:  # the connection that writes takes the lock of the station
-            store.write(lambda connection: require_tables(connection, shown(url)))
+            store.write(lambda connection: require_tables(connection, safe_url(url)))
         else:  # a program that only reads may have no permission to write
             with store.reading() as connection:
-                require_tables(connection, shown(url))
+                require_tables(connection, safe_url(url))
     except BaseException:
         store.close()
         raise

@@ -31,20 +31,20 @@ def verify_station(folder: Path, head: str | None = None) -> Iterator[FileFindin
 
 
 def _results(folder: Path, store: ResultStore, head: str | None) -> Iterator[FileFinding]:
-    wrong = [f"results: {fault}; restore a backup" for fault in contradictions(store)]
+    faults = [f"results: {fault}; restore a backup" for fault in contradictions(store)]
     if head is not None:
         with store.reading() as connection:
             if not has_link(connection, store.station, head):
-                wrong.append(f"results: the chain of hashes has no link {head[:64]}")
+                faults.append(f"results: the chain of hashes has no link {head[:64]}")
     if unfinished := store.unfinished():
         first = unfinished[0].part_id
-        wrong.append(
+        faults.append(
             f"parts without a result: {len(unfinished)}, the first {first}; the station runs, or "
             "its next start ends them"
         )
-    for fault in wrong:
+    for fault in faults:
         yield FileFinding(folder / CONFIG, "altered", fault)
-    if not wrong:
+    if not faults:
         yield FileFinding(folder / CONFIG, "good")
     recorded_paths = set()
     for entry in store.parts():

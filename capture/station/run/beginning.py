@@ -2,7 +2,7 @@
 
 from concurrent.futures import ThreadPoolExecutor
 
-from capture.station.results.database import ResultsUnavailable, shown
+from capture.station.results.database import ResultsUnavailable, safe_url
 from capture.station.results.store import BegunPart, ResultStore
 
 from .station_clock import StationClock
@@ -40,7 +40,7 @@ class Beginning:
                 raise TriggerTooLate("its client is gone")
 
         require()
-        begun = self._writer.submit(
+        beginning = self._writer.submit(
             self._store.begin,
             trigger=trigger.source,
             triggered_utc=self._clock.now(),
@@ -49,8 +49,8 @@ class Beginning:
             require=require,
         )
         try:
-            return begun.result(self._limit_s)
+            return beginning.result(self._limit_s)
         except TimeoutError as error:
-            begun.cancel()
-            text = f"{shown(self._store.url)}: no answer in {self._limit_s:g} s"
+            beginning.cancel()
+            text = f"{safe_url(self._store.url)}: no answer in {self._limit_s:g} s"
             raise ResultsUnavailable(text) from error

@@ -15,7 +15,10 @@ from capture.station.run.live_view import LiveEvent
 from rig.acceptance import EQUAL_LED_LEVELS
 
 _WARN_LED_LEVEL = 0.95
-"""Level of an LED relative to the brightest, as a share of the taught ratio, that is named."""
+"""Least level of an LED relative to the brightest, as a share of the taught ratio.
+
+A warning names an LED below it.
+"""
 _MIN_LED_CHANGE = EQUAL_LED_LEVELS
 """Smaller differences from the baseline are no drift: sets need no correction for them."""
 
@@ -56,10 +59,10 @@ def baseline_of(values: Sequence[float]) -> Baseline:
 def broken_rules(values: Sequence[float], baseline: Baseline) -> tuple[str, ...]:
     """Return which Western Electric rules the last of some values breaks, in words."""
     offsets = [(value - baseline.mean) / baseline.sigma for value in values]
-    return tuple(_broken(offsets))
+    return tuple(_rules_broken_by(offsets))
 
 
-def _broken(offsets: Sequence[float]) -> Iterator[str]:
+def _rules_broken_by(offsets: Sequence[float]) -> Iterator[str]:
     for points, min_beyond, sigmas in _RULES:
         recent = offsets[-points:]
         for sign, side in ((1.0, "above"), (-1.0, "below")):

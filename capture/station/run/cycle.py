@@ -97,14 +97,14 @@ class Station:
             return self.refuse(trigger, *refused)
         try:
             step = self._clock.step()
-            begun = self._beginning.begin(trigger, is_simulated=self._camera.is_simulated)
+            part = self._beginning.begin(trigger, is_simulated=self._camera.is_simulated)
         except BaseException as error:
             fault, kind = fault_of(error), refusal_by(error)
             self._release(None if kind in (Refusal.PART_ID, Refusal.LATE) else fault)
             return self.refuse(trigger, str(fault), kind)
-        self._live.publish(PartBegun(begun.part_id, begun.number))
-        self._next.put((begun, step, trigger))
-        return Accepted(begun.part_id, begun.number)
+        self._live.publish(PartBegun(part.part_id, part.number))
+        self._next.put((part, step, trigger))
+        return Accepted(part.part_id, part.number)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Load a recipe, which judges all later parts when this returns; or raise RecipeRefused."""
@@ -248,15 +248,15 @@ class Station:
             duration_s -= _POLL_S
         return self.is_stopping
 
-    def _expose(self, begun: BegunPart, step: str | None, trigger: Trigger) -> None:
+    def _expose(self, begun_part: BegunPart, step: str | None, trigger: Trigger) -> None:
         captured, error, exposed_s = None, None, trigger.at_s
         try:
             self._beginning.require_timely(trigger)
-            captured, exposed_s = self._camera.capture(begun.number)
+            captured, exposed_s = self._camera.capture(begun_part.number)
         except BaseException as raised:
             error = raised
         part = ExposedPart(
-            begun=begun,
+            begun=begun_part,
             captured=captured,
             error=error,
             exposed_s=exposed_s,
@@ -273,7 +273,7 @@ class Station:
             if self._left == 0:
                 self.stop()
             self._exposed.put(part)
-            self._live.publish(ExposureComplete(begun.part_id, begun.number))
+            self._live.publish(ExposureComplete(begun_part.part_id, begun_part.number))
             if error is None or isinstance(error, _SET_ERRORS):
                 self._become_free()
             else:

@@ -103,11 +103,11 @@ def _check_results(station: StationFolder) -> Iterator[Check]:
     with open_store(results, config.name, exclusive=False) as store:
         require_own_sets(station, store)
         yield from check_results(store)
-        broken = next(broken_links(store.reading, store.station, _NEWEST_LINKS), None)
-        if broken is None:
+        broken_link = next(broken_links(store.reading, store.station, _NEWEST_LINKS), None)
+        if broken_link is None:
             yield Check("chain of hashes", "ok", f"the last {_NEWEST_LINKS} rows are unaltered")
         else:
-            yield Check("chain of hashes", "fault", broken, "run ps4rig verify")
+            yield Check("chain of hashes", "fault", broken_link, "run ps4rig verify")
 
 
 def _check_extras(config: StationConfig) -> Iterator[Check]:

@@ -205,8 +205,8 @@ def _lines(event: Event) -> list[str]:
             return lines or [f"self-test: {len(checks)} checks are ok"]
         case TriggerRefused(source, part_id, reason, is_recorded):
             part = f" for {part_id}" if part_id else ""
-            lost = "" if is_recorded else "; not in the results"
-            return [f"trigger by {source}{part} refused: {reason}{lost}"]
+            remark = "" if is_recorded else "; not in the results"
+            return [f"trigger by {source}{part} refused: {reason}{remark}"]
         case PartAnnounced(result, latency_ms):
             return [f"{_part(result)} ({latency_ms:.0f} ms)"]
         case PartRecovered(result):

@@ -129,8 +129,8 @@ def _is_own(connection: socket.socket) -> bool:
     """Whether the user of this process has connected; elsewhere the mode of the file decides."""
     if not hasattr(socket, "SO_PEERCRED"):
         return True
-    about = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
-    return bool(_CREDENTIALS.unpack(about)[1] == os.geteuid())
+    credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    return bool(_CREDENTIALS.unpack(credentials)[1] == os.geteuid())
 
 
 class _Panel:
@@ -217,8 +217,8 @@ class _Panel:
         match request.call, request.arguments:
             case "submit", (given,):
                 trigger = TRIGGER.validate_python(given)
-                gone = self._withdrawn
-                return live.submit(replace(trigger, is_withdrawn=lambda: request.id in gone))
+                withdrawn = self._withdrawn
+                return live.submit(replace(trigger, is_withdrawn=lambda: request.id in withdrawn))
             case "load_recipe", (name, by):
                 return live.load_recipe(name, Asker(*by))
             case "acknowledge", (part_id, by):

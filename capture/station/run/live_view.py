@@ -58,9 +58,9 @@ class LiveEvent:
     @classmethod
     def of_line(cls, line: Mapping[str, Any], before: StationState) -> "LiveEvent":
         """Return the event of a line, which came after another state."""
-        position, about, changes = line["id"], line["event"], line["state"]
+        position, fields, changes = line["id"], line["event"], line["state"]
         state = STATE.validate_python({**vars(before), **changes, "event_id": position})
-        return cls(position, about.pop("utc"), Noted(about), state, frozenset(changes))
+        return cls(position, fields.pop("utc"), Noted(fields), state, frozenset(changes))
 
 
 class Subscription:

@@ -128,10 +128,10 @@ class PartJudge:
         result.row  # noqa: B018
         return result
 
-    def _save_set(self, begun: BegunPart, captured: CapturedSet) -> dict[str, Any]:
+    def _save_set(self, part: BegunPart, captured: CapturedSet) -> dict[str, Any]:
         """Write the set; return the fields of the result that name it."""
         began_s = self._clock.monotonic_s()
-        set_file = set_file_of(begun.part_id, begun.triggered_utc)
+        set_file = set_file_of(part.part_id, part.triggered_utc)
         self._save(captured, set_file)
         return {
             "set_file": set_file,

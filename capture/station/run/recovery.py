@@ -26,8 +26,8 @@ def finish_interrupted(
     folder: Path, store: ResultStore, decided_utc: Callable[[], str]
 ) -> Iterator[PartResult]:
     """Give each begun part without a result the verdict ERROR, and yield it with its intact set."""
-    for begun in store.unfinished():
-        stored, reason = _interrupted_set(folder, begun)
+    for part in store.unfinished():
+        stored, reason = _interrupted_set(folder, part)
         result = PartResult(
             station=store.station,
             exposed_utc=None,
@@ -35,15 +35,15 @@ def finish_interrupted(
             operator=None,
             software_version=SOFTWARE_VERSION,
             verdict=Verdict(Decision.ERROR, reason, (Cause.INTERRUPTED,)),
-            **vars(begun),
+            **vars(part),
             **stored,
         )
         yield store.add(result)
 
 
-def _interrupted_set(folder: Path, begun: BegunPart) -> tuple[dict[str, Any], str]:
+def _interrupted_set(folder: Path, part: BegunPart) -> tuple[dict[str, Any], str]:
     """Set fields of an interrupted part's result, and the reason of its verdict."""
-    set_file = set_file_of(begun.part_id, begun.triggered_utc)
+    set_file = set_file_of(part.part_id, part.triggered_utc)
     reason = "the station was interrupted before the verdict"
     if not (folder / set_file).exists():
         return {}, f"{reason}; no set was saved"

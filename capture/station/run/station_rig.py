@@ -97,8 +97,8 @@ class StationRig:
     def test(self, *, is_start: bool) -> list[Check]:
         """Check the open rig; compare it with a white sheet at the start, if configured."""
         has_sheet, rig = is_start and self._config.plate_check, self._opened()
-        wrong = check_setting(self._inspector.faults_of(Setting.of_rig(rig)))
-        return [*wrong, *check_rig(rig, self._calibration if has_sheet else None)]
+        setting_checks = check_setting(self._inspector.faults_of(Setting.of_rig(rig)))
+        return [*setting_checks, *check_rig(rig, self._calibration if has_sheet else None)]
 
     def wait_for_part(self, number: int, is_over: Callable[[], bool]) -> bool:
         """Wait until the sensor has seen a part and its first light is lit; False if `is_over`."""

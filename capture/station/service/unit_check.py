@@ -31,20 +31,22 @@ def _check_unit(station: StationFolder) -> Iterator[Check]:
     if not Path("/run/systemd/system").is_dir():  # as sd_booted(3)
         return
     try:
-        run, panel = (_shown(unit_name(station.path, of_panel)) for of_panel in (False, True))
+        run, panel = (
+            _properties_of(unit_name(station.path, of_panel)) for of_panel in (False, True)
+        )
     except (OSError, subprocess.SubprocessError) as error:
         yield Check(_NAME, "unknown", f"systemctl cannot be asked: {error}")
         return
     yield from checks_of_units(station, run, panel)
 
 
-def _shown(name: str) -> dict[str, str]:
+def _properties_of(name: str) -> dict[str, str]:
     """The properties of a unit; of one that is not installed most are empty."""
     command = ("systemctl", "show", f"{name}.service", f"--property={_PROPERTIES}")
-    shown = subprocess.run(
+    listing = subprocess.run(
         command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=True
     ).stdout
-    return dict(line.split("=", 1) for line in shown.splitlines() if "=" in line)
+    return dict(line.split("=", 1) for line in listing.splitlines() if "=" in line)
 
 
 def checks_of_units(

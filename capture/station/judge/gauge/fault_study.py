@@ -87,11 +87,11 @@ class FaultStudy(Record):
             if first_found is not None:
                 weakest = rows[first_found]
                 fewest = min(rows[first_found:], key=lambda row: row.found / row.parts)
-                shown = share_at_least(fewest.found, fewest.parts)
+                found_share = share_at_least(fewest.found, fewest.parts)
                 outcome = (
                     f"is found from {weakest.strength:g} {weakest.unit} on ({counts}); "
                     f"{fewest.found} of {fewest.parts} show, with {CONFIDENCE:.0%} confidence, "
-                    f"that {shown:.0%} or more are found"
+                    f"that {found_share:.0%} or more are found"
                 )
             lines.append(f"{texture}: {fault} {outcome}")
         return lines

@@ -81,8 +81,8 @@ class GaugeStudy:
     @property
     def effectiveness(self) -> Share:
         """Share of the parts with the right verdict every time."""
-        wrong, parts = len(self._wrong_parts()), len(self._parts())
-        right = parts - wrong
+        wrong_count, parts = len(self._wrong_parts()), len(self._parts())
+        right = parts - wrong_count
         return Share.of(right, parts, share_at_least(right, parts), bound_is_upper=False)
 
     @property
@@ -134,12 +134,12 @@ class GaugeStudy:
             of_part = [
                 presentation for presentation in self.presentations if presentation.part == part
             ]
-            wrong = [presentation for presentation in of_part if not presentation.is_right]
-            kind, first = "good" if is_good else "bad", wrong[0]
-            lines.append(
-                f"{part}, {kind}, {len(wrong)} of {len(of_part)} times wrong: {first.decision}, "
-                f"{first.reason}"
-            )
+            wrong_presentations = [
+                presentation for presentation in of_part if not presentation.is_right
+            ]
+            kind, first = "good" if is_good else "bad", wrong_presentations[0]
+            counts = f"{len(wrong_presentations)} of {len(of_part)} times wrong"
+            lines.append(f"{part}, {kind}, {counts}: {first.decision}, {first.reason}")
         return lines
 
     def _parts(self) -> dict[str, bool]:
@@ -157,9 +157,9 @@ class GaugeStudy:
             presentation for presentation in self.presentations if presentation.is_good == is_good
         ]
         parts = sum(truth == is_good for truth in self._parts().values())
-        wrong = sum(truth == is_good for truth in self._wrong_parts().values())
+        wrong_count = sum(truth == is_good for truth in self._wrong_parts().values())
         events = sum(not presentation.is_right for presentation in presented)
-        return Share.of(events, len(presented), share_at_most(wrong, parts))
+        return Share.of(events, len(presented), share_at_most(wrong_count, parts))
 
 
 def read_known_parts(path: Path) -> dict[str, bool]:

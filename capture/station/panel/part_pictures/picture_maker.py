@@ -45,14 +45,14 @@ class PictureMaker:
         self._lock = threading.Lock()
         self._thread = ThreadPoolExecutor(1, "pictures")
         self._waiting: dict[_Key, Future[PartPictures]] = {}
-        self._kept: OrderedDict[_Key, PartPictures] = OrderedDict()
+        self._cache: OrderedDict[_Key, PartPictures] = OrderedDict()
 
     def request(self, result: PartResult, path: Path, size: str) -> Future[PartPictures] | None:
         """Return a future of the pictures of a part; None if too many parts wait already."""
         key = (result.part_id, result.set_sha256, size)
         with self._lock:
-            if (pictures := self._kept.get(key)) is not None:
-                self._kept.move_to_end(key)
+            if (pictures := self._cache.get(key)) is not None:
+                self._cache.move_to_end(key)
                 done: Future[PartPictures] = Future()
                 done.set_result(pictures)
                 return done
@@ -62,21 +62,21 @@ class PictureMaker:
                 return None
             future = self._thread.submit(made_pictures, self._folder, result, path, size)
             self._waiting[key] = future
-        future.add_done_callback(lambda made: self._keep(key, made))
+        future.add_done_callback(lambda future: self._store(key, future))
         return future
 
     def close(self) -> None:
         """End the thread."""
         self._thread.shutdown(cancel_futures=True)
 
-    def _keep(self, key: _Key, made: Future[PartPictures]) -> None:
+    def _store(self, key: _Key, future: Future[PartPictures]) -> None:
         with self._lock:
             del self._waiting[key]
-            if made.cancelled() or made.exception() is not None:
+            if future.cancelled() or future.exception() is not None:
                 return
-            self._kept[key] = made.result()
-            while sum(pictures.size_bytes for pictures in self._kept.values()) > MAX_CACHE_BYTES:
-                self._kept.popitem(last=False)
+            self._cache[key] = future.result()
+            while sum(pictures.size_bytes for pictures in self._cache.values()) > MAX_CACHE_BYTES:
+                self._cache.popitem(last=False)
 
 
 def made_pictures(folder: StationFolder, result: PartResult, path: Path, size: str) -> PartPictures:

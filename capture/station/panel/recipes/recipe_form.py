@@ -75,7 +75,7 @@ class RecipeForm:
         self._recipe = recipe
         self._given = given
         self._messages = dict(messages or {})
-        self._shown: set[Place] = set()
+        self._shown_places: set[Place] = set()
 
     @property
     def is_wrong(self) -> bool:
@@ -115,7 +115,7 @@ class RecipeForm:
         return [
             f"{dotted(place) or self._recipe.name}: {message}"
             for place, message in self._messages.items()
-            if place not in self._shown
+            if place not in self._shown_places
         ]
 
     def _section(
@@ -167,7 +167,7 @@ class RecipeForm:
             return str(self._given.get(name, ""))
         if is_truth:
             return "yes" if value else ""
-        return _shown(value)
+        return _field_text(value)
 
     def _value(self, name: str, number: int) -> str:
         if self._given is not None:
@@ -175,7 +175,7 @@ class RecipeForm:
         return "pass" if number < len(self._recipe.passes) else "fail"
 
     def _message(self, place: Place, name: str = "") -> str:
-        self._shown.add(place)
+        self._shown_places.add(place)
         message, text = self._messages.get(place, ""), str((self._given or {}).get(name, ""))
         is_with_comma = message and re.fullmatch(r"-?\d+,\d+", text.strip())
         return f"write {text.strip().replace(',', '.')}" if is_with_comma else message
@@ -237,7 +237,7 @@ def _given(
             yield key, number
 
 
-def _shown(value: Any) -> str:
+def _field_text(value: Any) -> str:
     """Return a value of the recipe as its field shows it: a number with four digits."""
     if isinstance(value, float):
         return np.format_float_positional(value, precision=4, fractional=False, trim="-")
@@ -248,7 +248,7 @@ def _number(given: Any, present: float | None) -> int | float | str | None:
     """Return the number in a field; None if it is empty, or a text that is no number."""
     # A field shows four digits of the present value. If unchanged, it returns all digits.
     text = str(given).strip()
-    if text == _shown(present):
+    if text == _field_text(present):
         return present
     for kind in (int, float):
         with suppress(ValueError):

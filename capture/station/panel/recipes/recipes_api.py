@@ -155,8 +155,8 @@ def _save_settings(call: ByEngineer, name: Name, given: SettingsFields) -> Respo
     try:
         changes.save_settings(given.sha256, given.settings)
     except SettingsRefused as error:
-        wrong = {dotted(place): message for place, message in error.messages.items()}
-        return JsonAnswer({"error": str(error), "settings": wrong}, 400)
+        messages = {dotted(place): message for place, message in error.messages.items()}
+        return JsonAnswer({"error": str(error), "settings": messages}, 400)
     return JsonAnswer(_now(call, changes))
 
 

@@ -76,7 +76,7 @@ def statistics_of(panel: RunningPanel, query: str = "") -> dict[str, Any]:
 def test_few_statistics_are_made_at_a_time(filled: RunningPanel) -> None:
     with ExitStack() as others:
         for _ in range(MAX_RECKONING):
-            others.enter_context(filled.panel.reckoning.taken())
+            others.enter_context(filled.panel.reckoning.slot())
         calls = ("parts.csv", "statistics", "statistics/yield.png")
         for path in ("/statistics", *(f"/api/v1/{call}" for call in calls)):
             answer = filled.local.get(f"{path}?simulated=only")
