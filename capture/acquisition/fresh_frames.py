@@ -160,7 +160,7 @@ class FreshFrames:
         # None until the first fresh frame: an earlier gap does not affect the image.
         self._last_sequence: int | None = None
         self.counts: Counter[FrameKind] = Counter()
-        self.lost = 0
+        self.lost_frames = 0
 
     def take(self) -> Frame:
         return self._accepted(self._next())
@@ -198,8 +198,8 @@ class FreshFrames:
         except NoFreshFrameError as error:
             raise SetRejected(
                 f"set rejected: no good frame under {light_name(self._rig, self._light)} "
-                f"({error.counts}, {self.lost} lost); check the camera's cable, or run ps4rig rig "
-                "latency"
+                f"({error.counts}, {self.lost_frames} lost); check the camera's cable, or run "
+                "ps4rig rig latency"
             ) from None
 
     def _receive(self, frame: Frame, not_before_s: float) -> FrameKind:
@@ -212,7 +212,7 @@ class FreshFrames:
         is_repeat = self._history.repeats.is_repeat(frame)
         if self._last_sequence is not None:
             # A repeated frame may have a number of its own.
-            self.lost += max(frame.sequence - self._last_sequence - 1, 0)
+            self.lost_frames += max(frame.sequence - self._last_sequence - 1, 0)
             self._last_sequence = max(frame.sequence, self._last_sequence)
         if is_repeat:
             return FrameKind.REPEATED

@@ -131,7 +131,7 @@ class _LightSlot:
             stale_frames=fresh.counts[FrameKind.STALE],
             corrupt_frames=fresh.counts[FrameKind.CORRUPT],
             repeated_frames=fresh.counts[FrameKind.REPEATED],
-            lost_frames=fresh.lost,
+            lost_frames=fresh.lost_frames,
         )
         return SetImage(self._mean.image(), record)
 

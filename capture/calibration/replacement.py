@@ -76,12 +76,13 @@ def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
             )
     if (present.record.age_days(datetime.now(UTC)) or 0) > OLD_DAYS:
         return None
-    lost, gained = _advantage(new.name, present, measured), _advantage(new.name, measured, present)
-    if lost is not None:
-        return f"it has {lost}, which the new one lacks"
+    old_advantage = _advantage(new.name, present, measured)
+    new_advantage = _advantage(new.name, measured, present)
+    if old_advantage is not None:
+        return f"it has {old_advantage}, which the new one lacks"
     present_error, new_error = (_ERRORS[new.name](part) for part in (present, measured))
     limit = max(_MAX_ERROR_RATIO * present_error, _NEGLIGIBLE_ERRORS[new.name])
-    if new_error <= limit or gained == _POSITIONS:
+    if new_error <= limit or new_advantage == _POSITIONS:
         return None
     return f"its error is {present_error:.2g}, that of the new one {new_error:.2g}"
 

@@ -141,8 +141,10 @@ def _by_slant(results: Results) -> Exhibit:
             for slant_deg in slants_deg:
                 test = f"slant {slant_deg:g} {shadow} shadow{suffix}"
                 value = results.trials.accuracy_pct("slants", test, solver, classifier)
-                wrong = _wrong_by_texture(results, System("slants", test, solver, classifier))
-                rows.append((shadow, slant_deg, solver, classifier, value, wrong))
+                wrong_answers = _wrong_by_texture(
+                    results, System("slants", test, solver, classifier)
+                )
+                rows.append((shadow, slant_deg, solver, classifier, value, wrong_answers))
                 values.append(value)
             lines.append(plots.Line(_title(solver, classifier), slants_deg, values))
         panels.append((f"{shadow} shadow", lines))
@@ -379,6 +381,6 @@ def _maps(
     if errors is not None:
         values["gain_ps4"] = f"{errors['ps3a'] / errors['ps4']:.1f}"
         values["gain_best"] = f"{errors['ps3a'] / errors[BEST_SOLVER]:.1f}"
-    shown = [(SOLVER_TITLES[name], maps[name]) for name in _SHOWN_SOLVERS]
-    draw = partial(plots.draw_maps, maps=shown, scale=scale)
+    titled_maps = [(SOLVER_TITLES[name], maps[name]) for name in _SHOWN_SOLVERS]
+    draw = partial(plots.draw_maps, maps=titled_maps, scale=scale)
     return Exhibit(key, columns, rows, draw, (11.0, 3.0), digits, values)

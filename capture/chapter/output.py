@@ -154,8 +154,8 @@ def _page(
     sections: dict[str, list[tuple[Exhibit, _Text, str, _Table]]] = {}
     for exhibit, png in exhibits:
         text = exhibit.text_from(texts)
-        shown = exhibit, text, base64.b64encode(png or b"").decode("ascii"), _table(exhibit)
-        sections.setdefault(text.section, []).append(shown)
+        entry = exhibit, text, base64.b64encode(png or b"").decode("ascii"), _table(exhibit)
+        sections.setdefault(text.section, []).append(entry)
     introduction = Template(info.introduction.read_text(encoding="utf-8"))
     return rendered(
         "chapter/page.html",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from capture.sets.metadata import SetMetadata
 
 _NOT_KNOWN = "-"
-_NAME_WIDTH = 14
+_NAME_WIDTH = 14  # of the column of names, in characters
 
 
 @reports_errors
@@ -205,24 +205,24 @@ def verify(
             findings += verify_station(path.parent, head)
         else:
             findings += verify_file(path)
-    wrong = [finding for finding in findings if finding.state != "good"]
+    bad_findings = [finding for finding in findings if finding.state != "good"]
     if json:
         print_json(
             {
                 "files": len(paths),
                 "findings": [
                     {"path": str(finding.path), "state": finding.state, "said": finding.details}
-                    for finding in wrong
+                    for finding in bad_findings
                 ],
             }
         )
     else:
-        for finding in wrong:
+        for finding in bad_findings:
             out.print(f"{finding.path}: {finding.state}: {finding.details}")
         counts = Counter(finding.state for finding in findings)
         summary = ", ".join(f"{count} {state}" for state, count in sorted(counts.items()))
         out.print(f"{len(paths)} files: {summary}")
-    if wrong:
+    if bad_findings:
         raise typer.Exit(1)
 
 

@@ -184,6 +184,6 @@ def degrees(option: str, text: str, example: str) -> list[float]:
     except ValueError:
         numbers = [math.nan]  # fails the comparison below
     if not all(abs(number) <= _MAX_DEG for number in numbers):
-        shown = text or "''"
-        raise InputError(f"{option} {shown}: give degrees separated by commas, such as {example}")
+        entry = text or "''"
+        raise InputError(f"{option} {entry}: give degrees separated by commas, such as {example}")
     return numbers

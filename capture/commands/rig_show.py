@@ -174,16 +174,16 @@ def preview(
     from rig.config.rig import config_of
 
     config = config_of(rig)
-    shown, measure = Preview(), None
+    preview, measure = Preview(), None
     if turn_to is not None and (outline is None or not -360.0 <= turn_to <= 360.0):
         raise InputError(
             f"--turn-to {turn_to:g}: give degrees from -360 to 360, with --outline SET"
         )
     if outline is not None:
         guide = PlacementGuide.of(outline, turn_to)
-        shown.guide(f"turn to {guide.required_deg:g} degrees", guide.outline.svg())
+        preview.guide(f"turn to {guide.required_deg:g} degrees", guide.outline.svg())
         measure = partial(guide.orientation_text, config.lights.lighting)
-    with serving(shown, port) as server:
+    with serving(preview, port) as server:
         out.print(f"{server.url} shows the rig; Ctrl-C ends it")
         out.file.flush()
-        run_preview(config, shown, threading.Event(), measure)
+        run_preview(config, preview, threading.Event(), measure)

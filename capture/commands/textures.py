@@ -201,7 +201,7 @@ def _print_taught(result: Evaluation) -> None:
         errors = row.orientation_error_deg
         shares = (str(row.sets), str(row.correct), f"{row.accuracy:.1%}")
         degrees = (_degrees(errors.median, 2), _degrees(errors.p95, 2))
-        table.add_row(label, *shares, *degrees, _wrong(result.confusion[label], label))
+        table.add_row(label, *shares, *degrees, _wrong_answers(result.confusion[label], label))
     print_table(table)
     errors = result.orientation_error_deg
     out.print(
@@ -217,7 +217,7 @@ def _print_untaught(result: Evaluation) -> None:
     table = new_table(*columns, prose="wrongly accepted as")
     for label, answers in sorted(result.untaught.items()):
         counts = (str(sum(answers.values())), str(answers.get(None, 0)))
-        table.add_row(label, *counts, _wrong(answers, None))
+        table.add_row(label, *counts, _wrong_answers(answers, None))
     print_table(table)
     rejected, accepted = result.untaught_rejected, result.untaught_accepted
     out.print(
@@ -343,11 +343,11 @@ def _write_csv(path: Path, answers: dict[Path, ClassifiedSet], trained: TextureL
         temporary.write_text("".join(lines), "utf-8", errors="backslashreplace", newline="")
 
 
-def _wrong(answers: Mapping[str | None, int], right: str | None) -> str:
-    wrong = (
+def _wrong_answers(answers: Mapping[str | None, int], right: str | None) -> str:
+    counts = (
         f"{answer or 'unknown'} {count}" for answer, count in answers.items() if answer != right
     )
-    return ", ".join(wrong)
+    return ", ".join(counts)
 
 
 def _degrees(value: float | None, digits: int) -> str:

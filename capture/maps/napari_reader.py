@@ -47,7 +47,7 @@ def _read_set_layers(path: str) -> list[_Layer]:
             description,
             (0, metadata.full_scale),
             is_mask=name == _MASK_PAGE,
-            shown=index == 0,
+            is_visible=index == 0,
         )
         for index, (name, page) in enumerate(zip(ome_tiff.page_names(metadata), pages, strict=True))
     ]
@@ -73,7 +73,12 @@ def _map_layers(folder: Path) -> Iterator[_Layer]:
         names = [file.stem] if values.ndim == 2 else [f"{file.stem} {axis}" for axis in "xyz"]
         for name, channel in zip(names, channels, strict=True):
             yield _layer(
-                name, channel, description, None, is_mask=name in masks, shown=name == _SHOWN_MAP
+                name,
+                channel,
+                description,
+                None,
+                is_mask=name in masks,
+                is_visible=name == _SHOWN_MAP,
             )
 
 
@@ -84,11 +89,11 @@ def _layer(
     limits: tuple[float, float] | None,
     *,
     is_mask: bool,
-    shown: bool,
+    is_visible: bool,
 ) -> _Layer:
     arguments: dict[str, Any] = {
         "name": name,
-        "visible": shown,
+        "visible": is_visible,
         "metadata": {"ps4rig": description},
     }
     mm_per_px = description.get("mm_per_px")

@@ -221,8 +221,8 @@ def jpeg_bytes(picture: Picture) -> bytes:
 def png_bytes(picture: Picture) -> bytes:
     """Return the PNG file of a picture, or of an (H, W) grey image."""
     image = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
-    done, buffer = cv2.imencode(".png", image)
-    if not done:
+    is_encoded, buffer = cv2.imencode(".png", image)
+    if not is_encoded:
         raise ValueError(f"not a picture: {picture.shape} {picture.dtype}")
     return buffer.tobytes()
 

@@ -169,10 +169,10 @@ def _legend(
     names = labels.names(tilts_deg)
     colours = pictures.GREYS if labels.colours is None else labels.colours(len(tilts_deg))
     shares = np.bincount(values.ravel(), minlength=256) / values.size
-    shown = sorted(sorted(names, key=lambda value: -shares[value])[:_LEGEND_ENTRIES])
+    listed_values = sorted(sorted(names, key=lambda value: -shares[value])[:_LEGEND_ENTRIES])
     return tuple(
         (colours[value].tolist(), f"{names[value]} {shares[value]:.1%}")
-        for value in shown
+        for value in listed_values
         if shares[value] > 0
     )
 

@@ -224,7 +224,7 @@ class LiveView:
                 guide = PlacementGuide.of(first, planned.orientation_deg)
             rig = None if question.live_rig is None else question.live_rig()
         except Ps4rigError as error:  # the capture that follows will say more
-            self.preview.failed(error)
+            self.preview.store_error(error)
             rig = None
         place = f"turn to {planned.orientation_deg:g} degrees" if first else "first placement"
         self.preview.guide(f"{planned.specimen}: {place}", guide.outline.svg() if guide else None)
@@ -248,4 +248,4 @@ class LiveView:
             show_lights(rig, self.preview, stopping, measure)
             rig.lights.off()
         except (HardwareError, InputError) as error:
-            self.preview.failed(error)
+            self.preview.store_error(error)

@@ -179,13 +179,13 @@ class Preview:
             round_s = len(self._lights) * (3.0 * info.frame_period_s + _PAUSE_S)
             self.stale_after_s = max(self.stale_after_s, 2.0 * round_s)
 
-    def shown(self, light: int, image: _PreviewImage) -> None:
+    def store_image(self, light: int, image: _PreviewImage) -> None:
         """Store the newest image under a light."""
         with self._lock:
             self._images[light] = image
             self._error = None
 
-    def failed(self, error: Ps4rigError) -> None:
+    def store_error(self, error: Ps4rigError) -> None:
         """Note an error; the last images stay."""
         with self._lock:
             self._error = str(error)
@@ -230,7 +230,7 @@ def show_lights(
         frames = []
         for light in range(len(rig.lighting)):
             frames.append(fresh_frame(rig, light))
-            preview.shown(light, preview_image(frames[-1]))
+            preview.store_image(light, preview_image(frames[-1]))
             if stopping.wait(_PAUSE_S):
                 return
         text = None if measure is None else measure(frames)
@@ -256,7 +256,7 @@ def run_preview(
             with open_rig(config) as rig:
                 show_lights(rig, preview, stopping, measure)
         except HardwareError as error:
-            preview.failed(error)
+            preview.store_error(error)
             stopping.wait(_RETRY_S)
 
 

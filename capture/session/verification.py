@@ -54,8 +54,8 @@ class FileFinding:
 def files_below(folder: Path, *names: str) -> list[Path]:
     """Return sets, models, libraries, calibrations, journals and files of `names`, sorted."""
     if not folder.is_dir():
-        wrong = "is a file; give its folder" if folder.exists() else "no such folder"
-        raise InputError(f"{folder}: {wrong}")
+        cause = "is a file; give its folder" if folder.exists() else "no such folder"
+        raise InputError(f"{folder}: {cause}")
     files = sorted(
         path
         for path in folder.rglob("*")

@@ -131,7 +131,7 @@ def preview_of_age(age_s: float) -> Preview:
         preview = Preview(now_s=lambda: rig.clock.now_s() + age_s)
         preview.opened(rig)
         for light in range(4):
-            preview.shown(light, preview_image(fresh_frame(rig, light)))
+            preview.store_image(light, preview_image(fresh_frame(rig, light)))
     return preview
 
 

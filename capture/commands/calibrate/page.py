@@ -250,7 +250,7 @@ def _frame(setting: Setting) -> Floats:
     return np.array([setting.width_px, setting.height_px], np.float64)
 
 
-_SIDE_IN = 3.2
+_SIDE_IN = 3.2  # of a square figure, in inches
 _MARGIN = 1.25  # drawn range, as a multiple of the largest coordinate
 # An ellipse of two standard errors contains the position with a probability of 86 %.
 _STANDARD_ERRORS = 2.0

@@ -110,10 +110,10 @@ def _presented(
     rig_config = station.rig_config()
     inspector = Inspector.load(files, rig_config.calibration)
     camera = rig_config.camera
-    shown = known_parts(
+    parts = known_parts(
         station.config.simulated_parts, count, min(camera.width_px, camera.height_px)
     )
-    judged = present(shown, times, rig_config, inspector, seed)
+    judged = present(parts, times, rig_config, inspector, seed)
     presentations = list(progress(judged, count * times, "present"))
     return presentations, _Judged(inspector.recipe.sha256, simulated=True)
 

@@ -96,7 +96,7 @@ def run(
         rig_config = config_of(rig or config.rig_in(folder))
         trigger = trigger or config.trigger
         live = LiveStation(config.name, simulated=rig_config.is_simulated, trigger=trigger)
-        shown = shown_by(config.name, as_json=json)
+        terminal = shown_by(config.name, as_json=json)
 
         def log(live_event: LiveEvent) -> None:
             for line in text_lines(live_event.event):
@@ -104,7 +104,7 @@ def run(
 
         notifier = Notifier.from_environment(os.environ)
         chart = ControlChart(led_names(rig_config.lights.tilts_deg), live.publish)
-        subscribers = (shown, log, chart, notifier.tell)
+        subscribers = (terminal, log, chart, notifier.tell)
         with running_interfaces(
             opened, live, trigger, subscribers, panel=panel, host=host, port=port
         ):

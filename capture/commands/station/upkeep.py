@@ -93,7 +93,7 @@ def restore(
     """Restore a station from a backup into a new folder; every file is compared with its hash."""
     from capture.station.domain.config import CONFIG
     from capture.station.domain.folder import StationFolder
-    from capture.station.results.database import database_url, shown
+    from capture.station.results.database import database_url, safe_url
     from capture.station.service.backup import DUMP
     from capture.station.service.restore import opened_backup
 
@@ -114,5 +114,5 @@ def restore(
     elif manifest.database not in (None, configured):
         out.print(
             f"its results are in {folder / manifest.database}, but {folder / CONFIG} names "
-            f"{shown(database_url(configured))}: change one of them",
+            f"{safe_url(database_url(configured))}: change one of them",
         )
