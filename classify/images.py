@@ -155,6 +155,7 @@ def symmetric_samples(size: int, step: int) -> Indices:
 
 
 _MAX_SAMPLES = 16_384
+# Number of groups of samples by brightness, of which the least variance counts.
 _GROUPS = 4
 # Least number of samples in a group: fewer do not determine their variance.
 _GROUP_SAMPLES = 256

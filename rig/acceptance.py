@@ -32,7 +32,7 @@ MAX_AMBIENT_CHANGE = 0.02
 MAX_REDUNDANCY_RESIDUAL = 0.02
 # Difference of a light image from its retake.
 MAX_RETAKE_CHANGE = 0.02
-# Relative level of one LED against the others.
+# Level of one LED relative to the others.
 MAX_LED_LEVEL_DIFFERENCE = 0.04
 # Largest standard error of a known level, and least significant difference in standard errors.
 MAX_LED_LEVEL_ERROR = 0.01

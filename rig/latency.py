@@ -24,7 +24,7 @@ _BANDS = 32
 _PERIODS_AFTER = 2.0
 # Share of the range by which the light of a band must change. With less, noise dominates.
 _MIN_CONTRAST = 0.01
-# Drift of the controller's crystal against that of this computer. Common crystals have 50 ppm.
+# Drift of the controller's crystal relative to that of this computer. Common crystals have 50 ppm.
 _CLOCK_DRIFT = 5e-5
 # Number of exchanges before and after an exchange whose bounds are combined: enough that one of
 # them is fast, few enough that the clocks hardly drift.

@@ -248,7 +248,7 @@ def _camera_moved(parameters: Floats) -> Iterator[_DriftCause]:
     )
     if status != "ok":
         finding = (
-            f"the camera has moved against the lights: {abs(right):.0%} of the frame to the "
+            f"the camera has moved relative to the lights: {abs(right):.0%} of the frame to the "
             f"{'right' if right > 0.0 else 'left'}, {abs(up):.0%} {'up' if up > 0.0 else 'down'}, "
             f"rotated by {abs(rotated_deg):.1f} degrees {'anti' * (rotated_deg > 0.0)}clockwise"
         )

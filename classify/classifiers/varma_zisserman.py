@@ -32,6 +32,7 @@ _RESPONSES = 8
 _MIN_IMAGE_PX = 64
 """Shortest side of an image: 16 x 16 pixels then have a whole filter around them."""
 
+# The filters of MR8, and the contrast of Weber's law in the normalisation of responses.
 _SCALES_PX = (1.0, 2.0, 4.0)
 _ELONGATION = 3.0
 _ORIENTATIONS = 6

@@ -93,7 +93,7 @@ class Evaluation:
     `confusion[true][matched]` counts sets; an unknown surface is matched with ``None``. `untaught`
     counts in the same way. `headings` counts the correct trials with a known orientation and a
     heading, and `reversed` counts those whose heading is off by more than 90 degrees. `blur_px` is
-    the median blur against the nearest training sets; None where the classifier finds no blur.
+    the median blur relative to the nearest training sets; None where the classifier finds no blur.
     """
 
     sets: int

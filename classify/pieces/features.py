@@ -16,7 +16,9 @@ CELL_PX = 8
 OCTAVES = 4
 """Octaves below the finest one, of which only the energies are measured."""
 PRODUCTS = 8
+"""Products of the fields in an octave."""
 MOMENTS = 2 + PRODUCTS * OCTAVES + 3
+"""Columns of `band_moments`."""
 _MIN_SIDE_PX = 128
 
 # Box at half resolution that smooths the log albedo before its means in cells, so that the value of

@@ -224,8 +224,8 @@ def _gate(
             albedo[r, c] = rho
             dark_count += rho < dark_albedo
             bits = unlit[r, c]
-            lost = (bits & _NONE_LIT == 0) & (not visible)
-            bits |= LOST if lost else np.uint8(0)
+            is_lost = (bits & _NONE_LIT == 0) & (not visible)
+            bits |= LOST if is_lost else np.uint8(0)
             unlit[r, c] = bits
             valid[r, c] = bits == 0
         dark_counts[r] = dark_count

@@ -30,7 +30,7 @@ kinds of test_joint_blur.py.
 """
 
 MAX_BLURRIER_PX, MAX_SHARPER_PX = math.sqrt(KNOTS_PX2[2]), math.sqrt(KNOTS_PX2[1])
-"""Bounds of the blur of a test against a reference, and of a reference against a test.
+"""Largest blur of a test relative to a reference, and of a reference relative to a test.
 
 The second is smaller, because the statistics of the reference are then extrapolated.
 """

@@ -22,7 +22,8 @@ TILE = 128
 """Number of columns whose sums are stored side by side."""
 
 MOMENTS = 6
-_MAX_LEVELS = 4
+"""Number of moments of a level; `heading_moments` names them."""
+_MAX_LEVELS = 4  # for which `heading_features` has room
 HEADING_FLOATS = 3 * MOMENTS * _MAX_LEVELS
 """Length of `heading_features`: real and imaginary parts of the moments, and their weights."""
 

@@ -13,7 +13,7 @@ from classify.base.threads import map_in_threads
 
 from .fields import TextureFields
 
-_SPECTRA = 6
+_SPECTRA = 6  # sums of `_add_powers`
 # Number of partial sums. It is the same on every machine, because the order of additions decides
 # the last digits of a sum.
 _LANES = 4

@@ -22,9 +22,9 @@ class Check:
 
 def collected(name: str, checks: Callable[[], Iterator[Check]], device: str = "") -> list[Check]:
     """Make some checks; an error that they raise becomes a fault called `name`."""
-    made: list[Check] = []
+    results: list[Check] = []
     try:
-        made.extend(checks())
+        results.extend(checks())
     except (Ps4rigError, OSError) as error:
-        made.append(Check(name, "fault", str(error), device=getattr(error, "device", device)))
-    return made
+        results.append(Check(name, "fault", str(error), device=getattr(error, "device", device)))
+    return results

@@ -230,10 +230,10 @@ def check_frames(camera: Camera) -> Iterator[Check]:
             "dynamic frame rate in dim light, or a full USB bus slows a camera down"
         )
         yield Check("frame rate", "warning", finding, advice)
-    lost = steps + 1 - len(read_frames)
+    lost_count = steps + 1 - len(read_frames)
     corrupt = sum(frame.flags != FrameFlag.GOOD for frame in read_frames)
-    finding = f"{lost} lost and {corrupt} corrupt of {steps + 1}"
-    if lost == 0 and corrupt == 0:
+    finding = f"{lost_count} lost and {corrupt} corrupt of {steps + 1}"
+    if lost_count == 0 and corrupt == 0:
         yield Check("frames", "ok", finding)
     else:
         advice = (

@@ -213,7 +213,7 @@ def _order(images: LightImages, lighting: Lighting) -> Check:
 
 
 def _moved(order: Order) -> list[int]:
-    return [led for led, shown in enumerate(order) if shown != led]
+    return [led for led, other in enumerate(order) if other != led]
 
 
 def _exchange(order: Order) -> str:

@@ -243,7 +243,7 @@ class SerialLine:
         try:
             self._byte_port.write(data)
         except OSError as error:
-            raise self._lost(error) from error
+            raise self._disconnection(error) from error
 
     def read_line(self, timeout: ReplyTimeout) -> bytes | None:
         """Return the next line without its end, or None at the end of `timeout`."""
@@ -264,14 +264,14 @@ class SerialLine:
             try:
                 self._buffer += self._byte_port.receive()
             except OSError as error:
-                raise self._lost(error) from error
+                raise self._disconnection(error) from error
             timeout.count()
 
     def close(self) -> None:
         """Release the port; never raise."""
         self._byte_port.close()
 
-    def _lost(self, error: OSError) -> LightControllerError:
+    def _disconnection(self, error: OSError) -> LightControllerError:
         return LightControllerError(
             f"{self.port}: the light controller is gone ({error}); check cable and power"
         )
