@@ -69,7 +69,7 @@ _PERIOD_ERROR = 0.01
 class ExposureTimeline:
     """Exposure starts of the received frames, which are at least a frame period apart.
 
-    Earlier time stamps predict the next start; later ones show that a stamp was too late.
+    Earlier time stamps predict the next start. A later stamp can show that an earlier one was late.
     """
 
     def __init__(self, period_s: float) -> None:

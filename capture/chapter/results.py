@@ -82,7 +82,7 @@ def time_ms(function: Work, clock_s: _Clock = time.perf_counter) -> float:
     return 1e3 * (clock_s() - started_s)
 
 
-# Number of calls of which even on a busy machine one is undisturbed.
+# Number of timed calls: even on a busy machine, one of nine is undisturbed.
 _ROUNDS = 9
 
 

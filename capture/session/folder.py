@@ -174,7 +174,7 @@ class SessionFolder:
         return [entry for entry in entries if entry is not None and entry.file is None]
 
     def captured(self) -> list[SetEntry]:
-        """Entries whose file is there: planned ones first, in the order of the plan."""
+        """Entries whose file exists: planned sets first, in the order of the plan."""
         return [
             entry for entry in self.entries() if entry.file and (self.path / entry.file).is_file()
         ]

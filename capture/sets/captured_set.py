@@ -193,8 +193,8 @@ class CapturedSet:
     def save(self, path: str | Path, *, home: Path | None = None) -> None:
         """Write an ``.ome.tif``, whole or not at all; an existing file is replaced.
 
-        A copy of `calibration` is kept beside it, in ``calibration/``. The temporary file is in
-        `home`, a folder of the same file system, by default beside it; see `durable_file`.
+        A copy of `calibration` is kept beside the file, in ``calibration/``. The temporary file is
+        in `home`, a folder of the same file system, by default beside the file; see `durable_file`.
 
         Raises
         ------
@@ -264,7 +264,7 @@ class LoadedSet:
 
     @classmethod
     def of(cls, path: Path, calibration: Path | None = None, *, raw: bool = False) -> Self:
-        """Load a set with `calibration`, or the one that it names, or if `raw` with none."""
+        """Load a set with `calibration`, by default the one that it names; with none if `raw`."""
         captured = CapturedSet.load(path)
         metadata, shape = captured.metadata, captured.images.shape[1:]
         return cls(captured, None if raw else calibration_of(path, metadata, shape, calibration))

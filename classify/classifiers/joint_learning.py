@@ -49,8 +49,9 @@ _MAX_FACTOR = 1.5
 _MAX_FACTOR_OF_ONE_SET: Mapping[Uniformity, float] = {"varied": 1.3, "no texture": 1.0}
 # Median distance of another patch to a class of scatter 1, and standard deviations of its logarithm
 # between classes of equal scatter and between patches of one class, together 0.43. On 22 scanned
-# materials the median is 0.84 and the deviation 0.53; joint_constants.py prints what larger
-# ones accept. A limit is the 99th percentile, 2.33 deviations above the median.
+# materials the median is 0.84 and the deviation 0.53; joint_constants.py prints how near unknown
+# surfaces come to the limits of doubled values. A limit is the 99th percentile, 2.33 deviations
+# above the median.
 _MEDIAN_DISTANCE = 0.82
 _CLASS_SPREAD = 0.34
 _PATCH_SPREAD = 0.26
@@ -61,8 +62,8 @@ _MINIMUM_OF_NORMALS = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
 # Below this side the limit falls with the twelfth root of the side, by 6 % at 128 px: smaller
 # frames distinguish textures less well.
 _SUFFICIENT_PX = 256
-# Largest number of sets of one class that are compared, and of references, those of lowest bound:
-# more would take minutes and change little.
+# Largest number of compared sets of a class, and of references that each is compared with, which
+# have the lowest bounds. More would take minutes and change little.
 _MAX_SETS = 200
 _MAX_REFERENCES = 256
 
@@ -179,8 +180,8 @@ _LOG_SLOPE_SCATTER = 0.15
 # `_TYPICAL_SETS` sets in the unit of distances: one set with a figure in a corner would double it.
 _TYPICAL_SPECTRAL = 0.045 * ANGLES
 _TYPICAL_SETS = 10
-# Patches of a texture differ in contrast, which changes all rings of a channel alike: that is one
-# difference and not one per ring. It counts by half where its variance between quarters is
+# Patches of a texture differ in contrast, which changes all rings of a channel alike and should
+# count once, not once per ring. Contrast counts by half where its variance between quarters is
 # `_CONTRAST_VARIANCE`. Typical variances of relief, albedo and coherence are those of 22 scanned
 # materials (0.18 to 0.38, 0.33 to 0.38, 0.06 to 0.15 at 256 and 128 px); see "Contrast" in
 # classify/DECISIONS.md.

@@ -149,7 +149,7 @@ def _read_samples(
 
 @kernel
 def _quantile(values: Array, share: float) -> np.float32:
-    """Quantile of the finite values, of which none is negative, to 1 in 8192; 0 without any.
+    """Quantile of the finite values, which are not negative, to 1 in 8192; 0 if there are none.
 
     A radix selection by two histograms of the bits, which have the order of the floats.
     """

@@ -11,8 +11,8 @@ from classify.base.arrays import Indices
 from classify.surface.estimate import FloatMap
 
 # Number of centres for each compared feature, and largest number. Half of the centres are drawn at
-# random, so that common windows have many, and half by farthest-point sampling (Gonzalez 1985), so
-# that rare ones have one.
+# random, so that common windows have many centres; the other half by farthest-point sampling
+# (Gonzalez 1985), so that each rare window has one.
 # With 150 instead of 400 windows of 4 features twice as many holes of 80 px passed.
 _CENTRES_PER_FEATURE, _MAX_CENTRES = 100, 1000
 # Number of pairs of look-alikes whose differences give the whitening, and of rounds of pairing and

@@ -174,7 +174,7 @@ def _solve_consistent(
             break
         if 2 * (remaining - 1) <= bright_count:
             # No majority of the bright lights agrees: directions or levels are wrong. All lights
-            # are used that are neither dark nor saturated.
+            # that are neither dark nor saturated are used.
             first = NO_DROPPED_LIGHT
             for k in range(count):
                 used[k] = (images[k, r, c] < saturation) & (not is_dark[k])

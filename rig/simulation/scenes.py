@@ -22,7 +22,7 @@ from .defective_surface import DefectiveSurface
 
 _Value = TypeVar("_Value")
 
-# One scene of 1024 x 1024 px and four lights, or many small ones.
+# Size of one scene of 1024 x 1024 px and four lights, or of many small scenes.
 _CACHE_BYTES = 64_000_000
 # A bare LED chip follows Lambert's law.
 _LED_LOBE_EXPONENT = 1.0
@@ -76,7 +76,7 @@ class SceneCache(BoundedCache[SceneImages]):
 
 
 class SceneRenderer:
-    """A renderer of the scenes below one rig's camera; those of material folders are not cached."""
+    """A renderer of the scenes below one rig's camera; material folders are not cached."""
 
     def __init__(self, config: RigConfig, cache: SceneCache | None = None) -> None:
         self._config = config

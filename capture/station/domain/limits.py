@@ -199,7 +199,8 @@ class GeneralLimits(Limits):
     unjudged_px: _Pixels = 255
 
 
-# Numbers of a match; the library bounds the first two as well.
+# Numbers of a match, which is no field of `LimitedMeasures`; the library bounds distance and margin
+# as well.
 _MATCH_FIELDS = ("distance", "margin", "blur_px")
 ROWS = {
     name: next(row for row in field.metadata if isinstance(row, LimitRow))

@@ -128,7 +128,7 @@ class Handshake:
         self._session, self._plc_triggers = session, plc_triggers
         self._station, self._recipes = station, recipes  # the state after the last event
         self._written = [0] * PLC_WORDS
-        # The last rise of Trigger, and the one that the station has not answered.
+        # The last trigger, and the trigger that the station has not answered.
         self._trigger_id = 0
         self._current: TriggerRequest | None = None
         self._unanswered: TriggerRequest | None = None
@@ -147,7 +147,7 @@ class Handshake:
 
     @property
     def commands(self) -> dict[str, Any]:
-        """What the PLC has written, by name."""
+        """The registers that the PLC has written, by name."""
         return decoded(PLC, self._written)
 
     def plc_words(self) -> list[int]:

@@ -90,7 +90,7 @@ class Ladder:
         if self._step is _Step.ANSWER:
             self._reject()
         if self._step is _Step.EXPOSURE:
-            self.part_id = None  # it is among the expected ones
+            self.part_id = None  # the part is among the expected ones
         self._session = inputs["session"]
         self._trigger_id = inputs["trigger_id"]
         self._step, self._is_acknowledging = _Step.CLEAR, False

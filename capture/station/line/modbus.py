@@ -121,7 +121,7 @@ class _Server(ModbusTcpServer):
         return _Connection(self)
 
     def admits(self, new: _Connection) -> bool:
-        """Whether a client may stay; the one that was silent longest may be closed for it."""
+        """Whether a new client may stay; a silent client may be closed to make room."""
         if self._plc_addresses and _peer(new) not in self._plc_addresses:
             return False
         connections = cast(dict[str, _Connection], self.active_connections).values()
@@ -180,7 +180,7 @@ def _peer(connection: _Connection) -> str:
 
 
 def _reset(transport: asyncio.WriteTransport) -> None:
-    """Close a connection at once: the system would try for minutes to deliver what is unread."""
+    """Close a connection at once; otherwise the system tries for minutes to deliver its answers."""
     connection = transport.get_extra_info("socket")
     connection.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
     transport.abort()
@@ -261,7 +261,7 @@ class PlcConnection:
         self._client.close()
 
     def read(self) -> dict[str, Any]:
-        """Return what the station shows, by name, of one moment."""
+        """Return the registers of the station by name, all of one moment."""
         answer = self._answer_to(self._client.read_input_registers, 0, count=STATION_WORDS)
         return decoded(STATION, answer.registers)
 

@@ -28,7 +28,7 @@ _LEFT_IN, _RIGHT_IN, _TOP_IN, _BOTTOM_IN = 0.75, 0.15, 0.28, 0.45
 # Widths for the longest name of a cause or a measure, and for a count with its share.
 _NAMES_IN, _NUMBERS_IN = 1.3, 0.8
 _PNG_WIDTH_PX = 960
-# Those of `static/panel.css` in a light room; `statistics.css` inverts them in a dark one.
+# Colours of `static/panel.css` for a light room; for a dark room `statistics.css` inverts them.
 _BLUE, _GREY, _ALARM, _LIMIT = "#0b5cad", "#55606b", "#b23c00", "#8a5a00"
 _DECISION_COLOURS = {
     Decision.PASS: "#00684a",

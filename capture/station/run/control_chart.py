@@ -73,7 +73,7 @@ def _rules_broken_by(offsets: Sequence[float]) -> Iterator[str]:
 
 
 class _RuleSeries:
-    """Points of one chart, of which the first are its baseline.
+    """Points of one chart; the first of them are its baseline.
 
     A point that differs from the baseline by less than `min_change` breaks no rule.
     """
@@ -194,7 +194,7 @@ def _is_measured(distance: float | None, led_levels: Sequence[float], leds: int)
 
 @dataclass(frozen=True)
 class _ChartPoint:
-    """A point of a chart: the mean of some parts, of which the last one names it."""
+    """A point of a chart: the mean of some parts, named after the last of them."""
 
     number: int
     part_id: str

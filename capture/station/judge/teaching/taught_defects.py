@@ -29,7 +29,7 @@ def teach_defects(
     good: Sequence[TaughtPart], library: TextureLibrary, recipe: Recipe, show: ShowProgress
 ) -> TaughtDefects:
     """Learn from the good parts of one texture."""
-    named, texture = classifier_named(library.classifier), good[0].kept.texture
+    named, texture = classifier_named(library.classifier), good[0].kept_set.texture
     orientations_deg = [
         library.match(named.signature(part.test, library.parameters)).orientation_deg
         for part in good
@@ -37,7 +37,7 @@ def teach_defects(
     marks = FixedMarks()
 
     def surface_of(part: TaughtPart) -> SurfaceEstimate:
-        return solved(part.kept, recipe.region)[1].surface
+        return solved(part.kept_set, recipe.region)[1].surface
 
     def surfaces() -> Iterator[SurfaceEstimate]:
         for part in show(good, len(good), f"defects of {texture}"):

@@ -26,7 +26,7 @@ from .taught_sets import KeptSet
 class TaughtPart:
     """A taught set and its measurements; for its maps, the set is solved again."""
 
-    kept: KeptSet
+    kept_set: KeptSet
     setting: Setting
     has_calibration: bool
     row: TrainingRow  # observations for training
@@ -44,18 +44,18 @@ class TaughtPart:
     mm_per_px: float | None
 
 
-def solved(kept: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSurface]:
+def solved(kept_set: KeptSet, region: Region | None) -> tuple[LoadedSet, MeasuredSurface]:
     """Load a set and solve it with the default solver for its lights."""
-    loaded = LoadedSet.of(kept.path)
+    loaded = LoadedSet.of(kept_set.path)
     rows, columns = loaded.captured.images.shape[1:]
     if not fits(region, (rows, columns)):
-        raise RecipeError(f"{kept.path}: {columns} x {rows} px; the region is {region}")
+        raise RecipeError(f"{kept_set.path}: {columns} x {rows} px; the region is {region}")
     return loaded, MeasuredSurface.of(loaded.captured, region, loaded.found_calibration, None)
 
 
-def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
+def taught_part(kept_set: KeptSet, region: Region | None) -> TaughtPart:
     """Measure a set; InputError if its region shows no texture."""
-    loaded, measured = solved(kept, region)
+    loaded, measured = solved(kept_set, region)
     surface, metadata = measured.surface, loaded.captured.metadata
     try:
         segment_px = segment_for(surface.shape)
@@ -68,12 +68,12 @@ def taught_part(kept: KeptSet, region: Region | None) -> TaughtPart:
         )
         moments = band_moments(surface)
     except InputError as error:
-        raise InputError(f"{kept.path}: {error}") from error
+        raise InputError(f"{kept_set.path}: {error}") from error
     return TaughtPart(
-        kept=kept,
+        kept_set=kept_set,
         setting=loaded.captured.setting,
         has_calibration=loaded.found_calibration is not None,
-        row=TrainingRow(kept.texture, observation, metadata.orientation_deg),
+        row=TrainingRow(kept_set.texture, observation, metadata.orientation_deg),
         test=test,
         scaled=scaled,
         moments=moments,
@@ -97,6 +97,6 @@ def check_same_setting(parts: Sequence[TaughtPart]) -> None:
             differences.append("one has a calibration and the other has none")
         if differences:
             raise RecipeError(
-                f"{part.kept.path} and {first.kept.path} differ: {'; '.join(differences)}; teach "
-                "sets of one setting, or remove one of the files"
+                f"{part.kept_set.path} and {first.kept_set.path} differ: {'; '.join(differences)}; "
+                "teach sets of one setting, or remove one of the files"
             )

@@ -53,7 +53,7 @@ def keep_sets(
     Their texture is `texture`, or else the label of each set, or else `default`.
     """
     make_folder(folder)
-    kept = []
+    kept_sets = []
     for path in paths:
         loaded = LoadedSet.of(path)
         metadata = loaded.captured.metadata
@@ -68,5 +68,5 @@ def keep_sets(
         except InputError as error:
             raise InputError(f"{path}: {error}") from error
         has_label = bool(texture or metadata.label)
-        kept.append(KeptSet(name, copy, metadata.pixels_sha256, has_label, path))
-    return kept
+        kept_sets.append(KeptSet(name, copy, metadata.pixels_sha256, has_label, path))
+    return kept_sets

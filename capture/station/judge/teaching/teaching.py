@@ -69,8 +69,8 @@ def teach(
         known = [] if before is None else list(known_sets(files, before))
         added = keep_sets(paths, files.sets, bad_texture or good_texture, files.name)
         sets = _by_texture(known, added, removed, is_relabelling=is_relabelling)
-        textures = list(dict.fromkeys(kept.texture for kept in added))
-        emptied = {kept.texture for kept in known} - {kept.texture for kept in sets}
+        textures = list(dict.fromkeys(kept_set.texture for kept_set in added))
+        emptied = {kept_set.texture for kept_set in known} - {kept_set.texture for kept_set in sets}
         recipe = _next_version(files, before, textures, emptied, bad=bad_texture is not None)
         _check_good_parts(recipe, sets)
         known_limits = {} if before is None else limits_measured_before(files, before)
@@ -92,21 +92,23 @@ def _by_texture(
     is_relabelling: bool,
 ) -> list[KeptSet]:
     """All different sets, ordered by texture."""
-    names = {kept.path.name for kept in known}
+    names = {kept_set.path.name for kept_set in known}
     for name in removed:
         if name not in names:
             raise RecipeError(f"--remove {name[:100]}: no set of this name was taught")
-    by_pixels = {kept.pixels_sha256: kept for kept in known if kept.path.name not in removed}
-    for kept in added:
-        earlier = by_pixels.get(kept.pixels_sha256, kept)
-        if earlier.texture != kept.texture and (earlier in added or not is_relabelling):
+    by_pixels = {
+        kept_set.pixels_sha256: kept_set for kept_set in known if kept_set.path.name not in removed
+    }
+    for kept_set in added:
+        earlier = by_pixels.get(kept_set.pixels_sha256, kept_set)
+        if earlier.texture != kept_set.texture and (earlier in added or not is_relabelling):
             raise RecipeError(
-                f"{kept.path}: was taught as {earlier.texture!r} and cannot be {kept.texture!r} "
-                "too; give --relabel to change its texture, or --remove with its name to take it "
-                "out"
+                f"{kept_set.path}: was taught as {earlier.texture!r} and cannot be "
+                f"{kept_set.texture!r} too; give --relabel to change its texture, or --remove with "
+                "its name to take it out"
             )
-        by_pixels[kept.pixels_sha256] = kept
-    return sorted(by_pixels.values(), key=lambda kept: kept.texture)
+        by_pixels[kept_set.pixels_sha256] = kept_set
+    return sorted(by_pixels.values(), key=lambda kept_set: kept_set.texture)
 
 
 def _next_version(
@@ -147,7 +149,7 @@ def _next_version(
 
 def _check_good_parts(recipe: Recipe, sets: Sequence[KeptSet]) -> None:
     for texture in recipe.passes:
-        count = sum(kept.texture == texture for kept in sets)
+        count = sum(kept_set.texture == texture for kept_set in sets)
         if count < MIN_PARTS:
             raise RecipeError(
                 f"{count} good parts of {texture!r}; give {MIN_PARTS} or more, 30 are better"
@@ -166,10 +168,10 @@ def _taught(
     known_limits: LimitsOf | None,
     show: ShowProgress,
 ) -> Teaching:
-    solving = (taught_part(kept, recipe.region) for kept in sets)
+    solving = (taught_part(kept_set, recipe.region) for kept_set in sets)
     parts = list(show(solving, len(sets), "solve"))
     check_same_setting(parts)
-    unlabelled = [part for part in parts if not part.kept.has_label]
+    unlabelled = [part for part in parts if not part.kept_set.has_label]
     require_one_texture(unlabelled)
     version = files.version(recipe.version)
     make_folder(version.folder)
@@ -177,7 +179,9 @@ def _taught(
     library.save(version.library)
     segment_px = library.segment_px
     matches = leave_one_out([part.row for part in parts], [part.test for part in parts], segment_px)
-    good = {name: [part for part in parts if part.kept.texture == name] for name in recipe.passes}
+    good = {
+        name: [part for part in parts if part.kept_set.texture == name] for name in recipe.passes
+    }
     defects = {
         name: teach_defects(good_parts, library, recipe, show) for name, good_parts in good.items()
     }
@@ -206,7 +210,7 @@ def _taught(
             [
                 inspection.measures.unjudged_px or 0
                 for part, inspection in zip(parts, inspections, strict=True)
-                if part.kept.texture == name
+                if part.kept_set.texture == name
             ],
         )
         for name, limits in measured.items()
@@ -259,7 +263,9 @@ def _library(parts: Sequence[TaughtPart]) -> TextureLibrary:
         method=default_method(len(parts[0].light_signals)),
         planar=PLANAR,
         simulated=parts[0].setting.simulated,
-        sources=[(f"../sets/{part.kept.path.name}", part.kept.pixels_sha256) for part in parts],
+        sources=[
+            (f"../sets/{part.kept_set.path.name}", part.kept_set.pixels_sha256) for part in parts
+        ],
     )
 
 
@@ -292,12 +298,12 @@ def _texture(
     of_texture = [
         (part, match)
         for part, match in zip(parts, matches, strict=True)
-        if part.kept.texture == texture
+        if part.kept_set.texture == texture
     ]
     signals = [part.light_signals for part, _ in of_texture]
     means = tuple(sum(levels) / len(of_texture) for levels in zip(*signals, strict=True))
     taught = TaughtTexture(
-        sets=tuple(_set(part.kept, match) for part, match in of_texture), light_signals=means
+        sets=tuple(_set(part.kept_set, match) for part, match in of_texture), light_signals=means
     )
     if texture not in models:
         return taught
@@ -315,12 +321,12 @@ def _texture(
     return taught.model_copy(update=changes)
 
 
-def _set(kept: KeptSet, match: Match | None) -> TaughtSet:
+def _set(kept_set: KeptSet, match: Match | None) -> TaughtSet:
     if match is None:
-        return TaughtSet(file=kept.path.name, pixels_sha256=kept.pixels_sha256)
+        return TaughtSet(file=kept_set.path.name, pixels_sha256=kept_set.pixels_sha256)
     return TaughtSet(
-        file=kept.path.name,
-        pixels_sha256=kept.pixels_sha256,
+        file=kept_set.path.name,
+        pixels_sha256=kept_set.pixels_sha256,
         found=match.label,
         nearest=match.nearest,
         distance=match.distance,
@@ -335,7 +341,7 @@ def _measured_limits(
 ) -> dict[str, Limits]:
     limits_of: dict[str, Limits] = {}
     for texture in recipe.passes:
-        indices = [n for n, part in enumerate(parts) if part.kept.texture == texture]
+        indices = [n for n, part in enumerate(parts) if part.kept_set.texture == texture]
         limits_of[texture] = limits_of_texture(
             [
                 match.distance
@@ -380,7 +386,7 @@ def _inspections(
 
     def inspections() -> Iterator[Inspection]:
         for part in parts:
-            loaded = LoadedSet.of(part.kept.path)
+            loaded = LoadedSet.of(part.kept_set.path)
             yield inspector.with_calibration(loaded.found_calibration).inspect(loaded.captured)
 
     return list(show(inspections(), len(parts), "inspect"))

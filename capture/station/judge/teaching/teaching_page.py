@@ -27,7 +27,7 @@ def teaching_page(teaching: Teaching) -> str:
     recipe = teaching.recipe
 
     def first_sets(texture: str) -> list[KeptSet]:
-        return [part.kept for part in teaching.parts if part.kept.texture == texture][:1]
+        return [part.kept_set for part in teaching.parts if part.kept_set.texture == texture][:1]
 
     def tiles(sets: Iterable[KeptSet]) -> Iterator[tuple[str, str]]:
         for taught_set in sets:
@@ -79,8 +79,8 @@ def _sets(teaching: Teaching) -> Iterator[tuple[str, ...]]:
         teaching.parts, teaching.matches, teaching.inspections, strict=True
     ):
         yield (
-            part.kept.path.name,
-            part.kept.texture,
+            part.kept_set.path.name,
+            part.kept_set.texture,
             "-" if match is None else match.label or "unknown",
             "-" if match is None else f"{match.distance:.2f}",
             f"{part.sdq:.3f}",

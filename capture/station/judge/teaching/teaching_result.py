@@ -63,7 +63,7 @@ class Teaching:
     @property
     def overlaps(self) -> tuple[_Overlap, ...]:
         """Pairs of textures that overlap."""
-        return tuple(_overlaps([part.kept for part in self.parts], self.matches))
+        return tuple(_overlaps([part.kept_set for part in self.parts], self.matches))
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -97,7 +97,7 @@ class Teaching:
             matches = [
                 match
                 for part, match in zip(self.parts, self.matches, strict=True)
-                if part.kept.texture == texture and match is not None
+                if part.kept_set.texture == texture and match is not None
             ]
             if not matches:
                 continue
@@ -145,26 +145,26 @@ class Teaching:
 
     def _odd_verdicts(self) -> Iterator[str]:
         for part, inspection in zip(self.parts, self.inspections, strict=True):
-            good = part.kept.texture in self.recipe.passes
+            good = part.kept_set.texture in self.recipe.passes
             if good != (inspection.verdict.decision is Decision.PASS):
                 verdict = inspection.verdict
                 yield (
-                    f"{part.kept}, a {'good' if good else 'bad'} part of "
-                    f"{part.kept.texture}, is {verdict.decision}: {verdict.reason}"
+                    f"{part.kept_set}, a {'good' if good else 'bad'} part of "
+                    f"{part.kept_set.texture}, is {verdict.decision}: {verdict.reason}"
                 )
 
 
 def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Iterator[_Overlap]:
-    textures = [kept.texture for kept in sets]
+    textures = [kept_set.texture for kept_set in sets]
     pairs: dict[tuple[str, str], list[KeptSet]] = {}
-    for kept, match in zip(sets, matches, strict=True):
+    for kept_set, match in zip(sets, matches, strict=True):
         if match is None:
             continue
-        other = match.nearest if match.nearest != kept.texture else match.runner_up
+        other = match.nearest if match.nearest != kept_set.texture else match.runner_up
         undecided = match.margin is not None and match.margin < MIN_MARGIN
         # The library without a set does not contain a texture that has this set alone.
-        confused = match.nearest != kept.texture and textures.count(kept.texture) > 1
+        confused = match.nearest != kept_set.texture and textures.count(kept_set.texture) > 1
         if other is not None and (confused or undecided or match.label == other):
-            pairs.setdefault((kept.texture, other), []).append(kept)
+            pairs.setdefault((kept_set.texture, other), []).append(kept_set)
     for (texture, other), kept_sets in pairs.items():
         yield _Overlap(texture, other, tuple(kept_sets), textures.count(texture))

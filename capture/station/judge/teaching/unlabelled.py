@@ -16,10 +16,10 @@ _GROUP_DISTANCE = 2.0
 def unlabelled_remarks(parts: Sequence[TaughtPart]) -> Iterator[str]:
     """Yield a remark if there are sets without a label."""
     if parts:
-        kept, count = parts[0].kept, len(parts)
+        kept_set, count = parts[0].kept_set, len(parts)
         yield (
-            f"{count} set{'s' * (count != 1)} without a label, as {kept}: taught as "
-            f"{kept.texture}; --label TEXTURE names another one"
+            f"{count} set{'s' * (count != 1)} without a label, as {kept_set}: taught as "
+            f"{kept_set.texture}; --label TEXTURE names another one"
         )
 
 
@@ -32,7 +32,7 @@ def require_one_texture(parts: Sequence[TaughtPart]) -> None:
     firsts = [groups.index(group) for group in sorted(set(groups))]
     if len(firsts) > 1:
         named = ", ".join(
-            f"{groups.count(groups[first])} like {parts[first].kept}" for first in firsts
+            f"{groups.count(groups[first])} like {parts[first].kept_set}" for first in firsts
         )
         raise RecipeError(
             f"{len(parts)} sets have no label, and look like {len(firsts)} textures: {named}; "

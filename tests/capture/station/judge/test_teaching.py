@@ -188,7 +188,7 @@ def test_a_dark_hole_that_no_map_can_judge_does_not_pass(files: RecipeFolder) ->
 def test_patches_of_one_texture_differ_in_slope_by_less_than_limits_assume(
     taught: tuple[Path, Teaching],
 ) -> None:
-    sdqs = [part.sdq for part in taught[1].parts if part.kept.texture == "rock"]
+    sdqs = [part.sdq for part in taught[1].parts if part.kept_set.texture == "rock"]
     assert np.std(sdqs, ddof=1) < 0.01 * np.mean(sdqs)
 
 
@@ -284,7 +284,7 @@ def test_good_textures_and_those_that_overlap_need_ten_parts(
     [remark] = [each for each in teaching.remarks if "teach 10 parts" in each]
     assert remark.startswith("rock: ")
     assert "is not approved" in remark
-    is_rock = [part.kept.texture == "rock" for part in teaching.parts]
+    is_rock = [part.kept_set.texture == "rock" for part in teaching.parts]
     matches = [
         replace(match, nearest="loose sand", runner_up="rock", label=None) if rock else match
         for match, rock in zip(teaching.matches, is_rock, strict=True)
@@ -309,7 +309,7 @@ def test_teaching_limits_what_windows_and_the_whole_part_may_be(
     limits = taught[1].recipe.limits_for("rock")
     assert (limits.window, limits.seam, limits.octaves) == (1.0, 1.0, 1.0)
     for part, inspection in zip(taught[1].parts, taught[1].inspections, strict=True):
-        if part.kept.texture == "rock":
+        if part.kept_set.texture == "rock":
             assert limits.albedo[0] < part.albedo < limits.albedo[1]
             assert limits.scale[0] < (inspection.measures.scale or 0.0) < limits.scale[1]
 
