@@ -179,7 +179,7 @@ class CalibrationFile:
         return [*differences, f"exposure {time}, dark frames {measured_at(dark)}"]
 
     @property
-    def outdated(self) -> list[PartName]:
+    def outdated_parts(self) -> list[PartName]:
         """Parts that were measured before a curved response, which changes their light images."""
         response, records = self.calibration.response, self.records
         if response is None or response.linear:
@@ -189,7 +189,7 @@ class CalibrationFile:
 
     def warnings(self) -> list[str]:
         """Warn of outdated parts."""
-        old = [name.replace("_", " ") for name in self.outdated]
+        old = [name.replace("_", " ") for name in self.outdated_parts]
         if not old:
             return []
         cause = (

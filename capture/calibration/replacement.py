@@ -92,7 +92,7 @@ def with_other_exposures(new: MeasuredPart, file: CalibrationFile) -> MeasuredPa
     dark = file.calibration.dark
     if new.name != "dark" or dark is None or _other_camera_setting(file, new):
         return new
-    merged: Dark = dark.added(new.part)
+    merged: Dark = dark.with_exposure_of(new.part)
     shortest, longest = merged.exposures[0], merged.exposures[-1]
     if shortest.exposure_ms is None or longest.exposure_ms is None or merged.longer is None:
         return new
@@ -123,8 +123,8 @@ def _present_part(file: CalibrationFile, new: MeasuredPart) -> _RecordedPart | N
         matching = (dark for dark in part.exposures if dark.holds_at(new.part.exposure_ms))
         part = None if _other_camera_setting(file, new) else next(matching, None)
         return None if part is None else _RecordedPart(part, record)
-    outdated = new.name in file.outdated or file.differences(new.name, new.record.setting)
-    return None if outdated else _RecordedPart(part, record)
+    is_outdated = new.name in file.outdated_parts or file.differences(new.name, new.record.setting)
+    return None if is_outdated else _RecordedPart(part, record)
 
 
 def _other_camera_setting(file: CalibrationFile, new: MeasuredPart) -> bool:

@@ -77,7 +77,7 @@ class SessionTerminal:
             case events.SetCaptured(entry):
                 self._say(line_of(entry))
                 if self._view is not None:
-                    self._view.captured(entry)
+                    self._view.show_captured(entry)
                 self._bar.advance(self._task)
             case events.SetAdopted(entry):
                 self._say(f"{entry.file}: found from an earlier run, entered into the journal")

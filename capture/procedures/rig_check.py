@@ -19,7 +19,7 @@ from classify.calibration.dark import SAME_EXPOSURE
 from classify.calibration.drift import Drift, plate_drift
 from classify.images import ImageStack
 from rig import Rig
-from rig.doctor.check import Check, collected
+from rig.doctor.check import Check, run_checks
 from rig.doctor.light_images import capture_light_images
 
 from .plate_parts import SHEET_BRIGHTNESS
@@ -43,7 +43,7 @@ def check_calibration(rig: Rig, *, has_sheet: bool) -> Iterator[Check]:
         advice = "run ps4rig calibrate plate"
         yield Check("sheet", "unknown", "the calibration has no flat field", advice)
     elif has_sheet or lays_sheet_down(rig):
-        yield from collected("sheet", lambda: checks_of_drift(drift_of_rig(rig, file)))
+        yield from run_checks("sheet", lambda: checks_of_drift(drift_of_rig(rig, file)))
     else:
         advice = "put a white matt sheet below the camera, and run this again with --sheet"
         yield Check("sheet", "unknown", "LEDs, lights, camera and lens were not compared", advice)

@@ -205,14 +205,14 @@ class LiveView:
         self._folder = folder
         self.preview = Preview()
 
-    def captured(self, entry: SetEntry) -> None:
+    def show_captured(self, entry: SetEntry) -> None:
         """Show the orientation of the set that was just captured."""
         measures, text = entry.measures, f"{entry.file}: captured"
         if measures is not None and measures.estimated_deg is not None:
             text += (
                 f" at {measures.estimated_deg:.1f} degrees, {entry.orientation_deg:g} were asked"
             )
-        self.preview.captured(text)
+        self.preview.show_set_measurement(text)
 
     @contextmanager
     def placing(self, question: PlaceSpecimen) -> Iterator[None]:

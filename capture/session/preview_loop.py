@@ -149,12 +149,12 @@ class Preview:
             self._guide, self._measured = text, None
             self._overlays = (outline_svg, self._overlays[1] + 1)
 
-    def measured(self, text: str) -> None:
+    def show_measurement(self, text: str) -> None:
         """Show the measurement on the part that lies there now."""
         with self._lock:
             self._measured = text
 
-    def captured(self, text: str) -> None:
+    def show_set_measurement(self, text: str) -> None:
         """Show the measurement on the previous set."""
         with self._lock:
             self._captured, self._measured = text, None
@@ -164,7 +164,7 @@ class Preview:
         svg, _ = self._overlays
         return None if svg is None else svg.encode()
 
-    def opened(self, rig: Rig) -> None:
+    def note_opened_rig(self, rig: Rig) -> None:
         """Note that the rig was opened, for the first time or again."""
         info = rig.camera.info
         with self._lock:
@@ -225,7 +225,7 @@ def show_lights(
 
     After each round, the text that `measure` makes of its frames is shown, unless it is None.
     """
-    preview.opened(rig)
+    preview.note_opened_rig(rig)
     while True:
         frames = []
         for light in range(len(rig.lighting)):
@@ -235,7 +235,7 @@ def show_lights(
                 return
         text = None if measure is None else measure(frames)
         if text is not None:
-            preview.measured(text)
+            preview.show_measurement(text)
 
 
 def run_preview(

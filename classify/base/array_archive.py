@@ -71,13 +71,13 @@ class ArrayArchive:
         file_bytes = file.seek(0, 2)
         declared = sum(info.file_size for info in archive.infolist())
         if declared > _MAX_COMPRESSION * file_bytes + _COMPRESSION_SLACK_BYTES:
-            raise self.damaged(f"declares {declared} bytes in a file of {file_bytes}")
+            raise self.damage_error(f"declares {declared} bytes in a file of {file_bytes}")
 
     def error(self, problem: str) -> InputError:
         """Return an error that ends with the remedy."""
         return self._kind.error(f"{problem}; {self._kind.remedy}")
 
-    def damaged(self, problem: str) -> InputError:
+    def damage_error(self, problem: str) -> InputError:
         """Return an error of a file that no version of this program wrote."""
         return self._kind.error(f"{problem}; the file is damaged, {self._kind.remedy}")
 
@@ -122,7 +122,7 @@ class ArrayArchive:
             values_bytes = info.file_size - header_bytes
             fits = math.prod(shape) * dtype.itemsize == values_bytes
             if dtype not in allowed or fortran_order or not fits:
-                raise self.damaged(f"{name} is {shape} {dtype} in {values_bytes} bytes")
+                raise self.damage_error(f"{name} is {shape} {dtype} in {values_bytes} bytes")
             if info.file_size < self._map_from_bytes:
                 return np.frombuffer(member.read(), dtype).reshape(shape)
         if info.compress_type != zipfile.ZIP_STORED:
@@ -223,9 +223,9 @@ def read_arrays(
             if len(stored) != len(shape) or any(
                 side not in (None, length) for side, length in zip(shape, stored, strict=True)
             ):
-                raise archive.damaged(f"{name} has the shape {stored} instead of {shape}")
+                raise archive.damage_error(f"{name} has the shape {stored} instead of {shape}")
             if not np.isfinite(arrays[name]).all():
-                raise archive.damaged(f"{name} contains NaN or infinity")
+                raise archive.damage_error(f"{name} contains NaN or infinity")
         if arrays_sha256("", arrays) != header.sha256:
             raise archive.error("its arrays do not match their SHA-256: the file was changed")
     return arrays

@@ -138,7 +138,7 @@ class Dark:
             exposure_ms=exposure_ms,
         )
 
-    def added(self, other: Dark) -> Dark:
+    def with_exposure_of(self, other: Dark) -> Dark:
         """Return this with the exposure of `other`, which replaces an equal exposure."""
         others = (dark for dark in self.exposures if not other.holds_at(dark.exposure_ms))
         exposures = [*others, other]

@@ -214,7 +214,7 @@ def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
 def _parameters(archive: ArrayArchive) -> dict[str, Array]:
     names = [name for name in archive.names if name.startswith(_PARAMETERS)]
     if len(names) > _MAX_PARAMETERS:
-        raise archive.damaged(f"holds {len(names)} parameters")
+        raise archive.damage_error(f"holds {len(names)} parameters")
     return {
         name.removeprefix(_PARAMETERS).removesuffix(".npy"): archive.array(name, "<f8")
         for name in names

@@ -20,8 +20,8 @@ class Check:
     device: str = ""  # that it tests, such as ``lights``; empty for none
 
 
-def collected(name: str, checks: Callable[[], Iterator[Check]], device: str = "") -> list[Check]:
-    """Make some checks; an error that they raise becomes a fault called `name`."""
+def run_checks(name: str, checks: Callable[[], Iterator[Check]], device: str = "") -> list[Check]:
+    """Run some checks; an error that they raise becomes a fault called `name`."""
     results: list[Check] = []
     try:
         results.extend(checks())

@@ -18,7 +18,7 @@ from rig.lights.sequence import require_short_command
 from rig.rig import Rig, clock_of, open_camera, open_lights, port_of
 from rig.simulation.rig import Simulation
 
-from .check import Check, collected
+from .check import Check, run_checks
 from .devices import (
     check_cameras,
     check_controls,
@@ -48,7 +48,7 @@ def diagnose(
         lights = "simulated" if config.is_simulated else f"at {config.lights.port}"
         finding = f"rig name {config.name!r}, lights {lights}, camera {config.camera.kind}"
         yield Check("configuration", "ok", finding)
-    yield from collected(
+    yield from run_checks(
         "serial ports",
         lambda: check_ports(list_serial_ports(), config is not None and config.is_simulated),
     )
@@ -60,7 +60,7 @@ def diagnose(
         cameras.extend(list_cameras())
         yield from check_cameras(cameras, None if config is None else config.camera)
 
-    yield from collected("cameras", find_cameras)
+    yield from run_checks("cameras", find_cameras)
     if config is not None:
         with ExitStack() as closing:
             yield from _diagnose_open(config, cameras, closing, timeouts, more_checks)
@@ -130,11 +130,11 @@ def _diagnose_open(
             exposure_range_ms(camera, cameras, config.camera),
         )
 
-    yield from collected("light controller", check_controller)
-    yield from collected("camera", check_camera)
-    yield from collected("light images", check_images)
+    yield from run_checks("light controller", check_controller)
+    yield from run_checks("camera", check_camera)
+    yield from run_checks("light images", check_images)
     if more_checks is not None and opened:
-        yield from collected("calibration", partial(more_checks, opened[0]))
+        yield from run_checks("calibration", partial(more_checks, opened[0]))
 
 
 def _measurement_mode(info: CameraInfo) -> Check:

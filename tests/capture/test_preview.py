@@ -129,7 +129,7 @@ def preview_of_age(age_s: float) -> Preview:
     """One image of each LED, exposed `age_s` ago on a clock that stands still."""
     with open_rig(SMALL) as rig:
         preview = Preview(now_s=lambda: rig.clock.now_s() + age_s)
-        preview.opened(rig)
+        preview.note_opened_rig(rig)
         for light in range(4):
             preview.store_image(light, preview_image(fresh_frame(rig, light)))
     return preview

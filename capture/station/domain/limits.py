@@ -61,7 +61,7 @@ class LimitRow:
         if self.side != "least":
             yield "at most", largest
 
-    def within(self, value: float, limit: float | _Range) -> str:
+    def text_within(self, value: float, limit: float | _Range) -> str:
         """Return a measure within its limit, as text."""
         if isinstance(limit, tuple):
             low, high = (f"{bound:{self.format_spec}}" for bound in limit)
@@ -69,7 +69,7 @@ class LimitRow:
         return f"{self.label} {value:{self.format_spec}} of {limit:{self.format_spec}}"
 
 
-def beyond(value: float, side: Side, bound: float, format_spec: str) -> str | None:
+def excess_text(value: float, side: Side, bound: float, format_spec: str) -> str | None:
     """Return a value beyond a bound and the bound, as text; None if it is not beyond."""
     is_within = value >= bound if side == "at least" else value <= bound
     if is_within:

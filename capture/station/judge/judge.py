@@ -11,7 +11,7 @@ from capture.station.domain.limits import (
     LimitedMeasures,
     Limits,
     Side,
-    beyond,
+    excess_text,
 )
 from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.verdict import Cause, Decision, Verdict
@@ -62,7 +62,7 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
         causes = tuple(dict.fromkeys(finding.cause for finding in findings))
         text = "; ".join(dict.fromkeys(finding.text for finding in findings))
         return Verdict(causes[0].decision, text, causes)
-    return Verdict(Decision.PASS, f"{match.label}, {_within(recipe, measures, match)}")
+    return Verdict(Decision.PASS, f"{match.label}, {_measures_text(recipe, measures, match)}")
 
 
 def validity_findings(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
@@ -165,11 +165,11 @@ def _bound_findings(
 ) -> Iterator[Finding]:
     if value is None or not math.isfinite(value):
         yield Finding(Cause.UNFORESEEN, f"{name}: {'not measured' if value is None else value}")
-    elif (text := beyond(value, side, bound, format_spec)) is not None:
+    elif (text := excess_text(value, side, bound, format_spec)) is not None:
         yield Finding(cause, f"{name} {text}")
 
 
-def _within(recipe: Recipe, measures: Measures, match: Match) -> str:
+def _measures_text(recipe: Recipe, measures: Measures, match: Match) -> str:
     """Measures of a part that passes, with their limits, as text."""
     limits = recipe.limits_for(match.label or "")
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
@@ -177,7 +177,7 @@ def _within(recipe: Recipe, measures: Measures, match: Match) -> str:
     if recipe.orientation.tolerance_deg is not None:
         parts.append(f"at {_measured_deg(recipe.orientation, match):.0f} degrees")
     parts += [
-        row.within(getattr(measures, MEASURES_OF[key]), limit)
+        row.text_within(getattr(measures, MEASURES_OF[key]), limit)
         for key, row in ROWS.items()
         if row.in_reason and (limit := getattr(limits, key)) is not None
     ]

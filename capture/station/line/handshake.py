@@ -85,7 +85,7 @@ class Selection:
         """Handle a fall of SelectRecipe."""
         self._current, self.is_loaded, self.error = None, False, None
 
-    def refused(self, request: RecipeRequest, kind: RecipeRefusal) -> None:
+    def handle_refusal(self, request: RecipeRequest, kind: RecipeRefusal) -> None:
         """Handle the refusal of a request."""
         if self.loading is request:
             self.loading = None
@@ -186,7 +186,7 @@ class Handshake:
             return self._trigger(inputs)
         return None
 
-    def answered(self, request: TriggerRequest, answer: Answer) -> None:
+    def handle_answer(self, request: TriggerRequest, answer: Answer) -> None:
         """Handle the station's answer to the request that `write` returned last."""
         if self._unanswered is request:
             self._unanswered = None

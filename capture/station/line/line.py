@@ -120,7 +120,7 @@ class PlcLine:
     def _pass_on(self, request: TriggerRequest) -> None:
         answer = self._live.submit(Trigger(SOURCE, request.part_id, request.recipe))
         with self._changed:
-            self._handshake.answered(request, answer)
+            self._handshake.handle_answer(request, answer)
             self._changed.notify_all()
 
     def _load(self, request: RecipeRequest | None) -> None:
@@ -143,7 +143,7 @@ class PlcLine:
             else:
                 _log.exception("recipe %s was not loaded for the PLC", request.name)
             with self._changed:
-                self._handshake.selection.refused(request, kind)
+                self._handshake.selection.handle_refusal(request, kind)
 
 
 def _device(connections: int, heartbeat: int, where: str, *, is_silent: bool) -> Device:

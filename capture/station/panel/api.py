@@ -177,12 +177,12 @@ async def _trigger(
 
     watcher = asyncio.create_task(watch())
     try:
-        return await run_in_threadpool(_triggered, call, given, idempotency_key, is_gone.is_set)
+        return await run_in_threadpool(_submit, call, given, idempotency_key, is_gone.is_set)
     finally:
         watcher.cancel()
 
 
-def _triggered(
+def _submit(
     call: Call, given: PartFields, key: str | None, is_gone: Callable[[], bool]
 ) -> Response:
     trigger = Trigger("http", given.part_id or None, given.recipe, is_withdrawn=is_gone)

@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from capture.station.domain.limits import ROWS, Limits, Side, beyond
+from capture.station.domain.limits import ROWS, Limits, Side, excess_text
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Cause, distinct_texts
 from capture.station.results.part_result import PartResult
@@ -49,7 +49,7 @@ def _number(
     texts = [(side, *distinct_texts(value, bound, format_spec)) for side, bound in bounds]
     longest = max((text for _, text, _ in texts), key=len, default=f"{value:{format_spec}}")
     limit = ", ".join(f"{side} {bound}" for side, _, bound in texts)
-    is_beyond = any(beyond(value, side, bound, format_spec) for side, bound in bounds)
+    is_beyond = any(excess_text(value, side, bound, format_spec) for side, bound in bounds)
     return _MeasuredNumber(name, longest, limit, is_beyond)
 
 

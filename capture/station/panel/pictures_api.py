@@ -66,7 +66,7 @@ async def _pictures(
 ) -> Response:
     """The pictures of a part with captions, and its defects with outlines."""
     entry = await run_in_threadpool(entry_of, call.panel, part_id)
-    pictures = await _made(call, entry, size)
+    pictures = await _pictures_of(call, entry, size)
     sent = [name for name in pictures.pictures if content == "yes" and name != without]
     return JsonAnswer(
         {
@@ -106,7 +106,7 @@ async def _picture(call: ByOperator, part_id: str, name: str, size: _Size = "sma
     if _is_known(call, tag):
         await run_in_threadpool(stored_set, call.panel.folder, entry)
         return Response(status_code=304, headers=headers)
-    pictures = await _made(call, entry, size)
+    pictures = await _pictures_of(call, entry, size)
     if name not in pictures.pictures:
         known = ", ".join(pictures.pictures)
         raise Denied(404, f"part {result.part_id}: there is no picture {name[:40]!r}; give {known}")
@@ -124,7 +124,7 @@ def _content(picture: PaintedPicture) -> dict[str, str]:
     return {"media_type": picture.media_type, "content": content}
 
 
-async def _made(call: Call, entry: HistoryEntry, size: str) -> PartPictures:
+async def _pictures_of(call: Call, entry: HistoryEntry, size: str) -> PartPictures:
     part = f"part {entry.result.part_id}"
 
     def request() -> Future[PartPictures] | None:

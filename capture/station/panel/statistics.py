@@ -13,7 +13,7 @@ from capture.station.results.statistics import (
     MAX_MEASURED,
     CauseCount,
     Period,
-    counted,
+    count_parts,
     counted_causes,
     counted_defects,
     counted_periods,
@@ -59,7 +59,7 @@ class StationStatistics:
 def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
     """Return the statistics of the selected parts, by hours and days of the station's clock."""
     store = panel.results.store
-    counters, groups = counted(store, selection)
+    counters, groups = count_parts(store, selection)
     tally = counters.simulated if selection.simulated else counters.production
     # Of the distance, then of each LED.
     charts = chart_histories(newest_measured(store, selection))

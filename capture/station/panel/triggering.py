@@ -57,7 +57,7 @@ class KeyedTriggers:
                 return _Repeated(accepted.part_id, accepted.number)
             generated_id = f"key-{hashlib.sha256(key.encode()).hexdigest()[:_DIGITS]}"
             store = self._results.store
-            if store.known([generated_id]):
+            if store.known_ids([generated_id]):
                 entry = store.part(generated_id)
                 recorded = None if entry is None else entry.result.recipe
                 # The result of an interrupted part names no recipe.

@@ -149,7 +149,7 @@ def _page(
         ) from error
 
 
-def grouped(
+def part_groups(
     connection: Connection, station: str, selection: Selection, *further: ColumnElement[Any]
 ) -> Sequence[Row[Any]]:
     """Count the selected parts by verdicts; with `further` columns also by them and by causes."""
@@ -205,7 +205,7 @@ def _refused(connection: Connection, station: str, selection: Selection) -> dict
     statement = (
         select(simulated, func.count())
         .where(refused_triggers.c.station == station)
-        .where(*_within(refused_triggers.c.utc, selection))
+        .where(*_time_conditions(refused_triggers.c.utc, selection))
         .group_by(simulated)
     )
     return {row[0]: row[1] for row in connection.execute(statement)}
@@ -214,7 +214,7 @@ def _refused(connection: Connection, station: str, selection: Selection) -> dict
 def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[bool]]:
     """Yield the conditions of the selected rows of `JOINED`."""
     yield results.c.station == station
-    yield from _within(results.c.triggered_utc, selection)
+    yield from _time_conditions(results.c.triggered_utc, selection)
     for column, value in (
         (_IN_FORCE, selection.decision and selection.decision.value),
         (results.c.label, selection.label),
@@ -232,7 +232,9 @@ def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[boo
         yield results.c.number < selection.below_number
 
 
-def _within(utc: ColumnElement[str], selection: Selection) -> Iterator[ColumnElement[bool]]:
+def _time_conditions(
+    utc: ColumnElement[str], selection: Selection
+) -> Iterator[ColumnElement[bool]]:
     if selection.since_utc is not None:
         yield utc >= selection.since_utc
     if selection.until_utc is not None:

@@ -14,7 +14,7 @@ from sqlalchemy import Integer, Row, cast, func, select
 
 from capture.station.domain.verdict import Cause, Decision
 
-from .history import COLLECTED, JOINED, Counters, Selection, conditions, counters_of, grouped
+from .history import COLLECTED, JOINED, Counters, Selection, conditions, counters_of, part_groups
 from .schema import results
 from .store import ResultStore
 
@@ -71,7 +71,7 @@ class Choices:
     recipes: tuple[str, ...]
 
 
-def counted(store: ResultStore, selection: Selection) -> tuple[Counters, Sequence[Row[Any]]]:
+def count_parts(store: ResultStore, selection: Selection) -> tuple[Counters, Sequence[Row[Any]]]:
     """Count the selected parts, and group them by quarter of an hour, verdict and causes."""
     # Each part is read once.
     utc, hour = results.c.triggered_utc, len("2026-11-22T17")
@@ -81,7 +81,7 @@ def counted(store: ResultStore, selection: Selection) -> tuple[Counters, Sequenc
         (cast(func.substr(utc, hour + 2, 2), Integer) // 15).label("quarter"),
     )
     with store.reading() as connection:
-        groups = grouped(connection, store.station, selection, *columns)
+        groups = part_groups(connection, store.station, selection, *columns)
         return counters_of(connection, store.station, selection, groups), groups
 
 

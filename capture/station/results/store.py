@@ -31,7 +31,7 @@ from .history import (
     Selection,
     counters_of,
     entries,
-    grouped,
+    part_groups,
 )
 from .part_id import made_part_id, require_given_part_id, require_new_part_id
 from .part_result import PartResult, result_of, storable
@@ -240,7 +240,7 @@ class ResultStore:
         with self.reading() as connection:
             return [_begun_part(row) for row in connection.execute(statement)]
 
-    def known(self, part_ids: Iterable[str]) -> set[str]:
+    def known_ids(self, part_ids: Iterable[str]) -> set[str]:
         """Return which of these identities belong to parts that this station has begun."""
         column, texts = begun_parts.c.part_id, [storable(part_id) for part_id in part_ids]
         statement = select(column).where(begun_parts.c.station == self.station, column.in_(texts))
@@ -263,7 +263,7 @@ class ResultStore:
     def counters(self, selection: Selection = EVERY_PART) -> Counters:
         """Count the selected parts, those of a simulated rig apart."""
         with self.reading() as connection:
-            groups = grouped(connection, self.station, selection)
+            groups = part_groups(connection, self.station, selection)
             return counters_of(connection, self.station, selection, groups)
 
     def chain_head(self) -> Head:

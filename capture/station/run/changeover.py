@@ -114,5 +114,5 @@ class Changeover:
                 refused = RecipeRefused(error_text(error), RecipeRefusal.RIG)
                 request.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)
             raise
-        self._publish(recipe.loaded)
+        self._publish(recipe.loaded_event)
         return recipe.judge

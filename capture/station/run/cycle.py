@@ -239,7 +239,7 @@ class Station:
         else:
             with self._lock:
                 self._live.change(Change.TESTED)
-            request.answer.set_result(request.recipe.loaded)
+            request.answer.set_result(request.recipe.loaded_event)
 
     def _stops_within(self, duration_s: float) -> bool:
         """Wait; False if the station does not stop in this time."""

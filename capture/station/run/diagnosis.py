@@ -16,7 +16,7 @@ from capture.station.judge.inspector import Inspector
 from capture.station.results.chain import broken_links
 from capture.station.results.store import open_store
 from classify.base.errors import InputError
-from rig.doctor.check import Check, Status, collected
+from rig.doctor.check import Check, Status, run_checks
 from rig.doctor.diagnosis import diagnose
 
 from .recovery import require_own_sets
@@ -36,14 +36,14 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
         text = f"{config.name}: recipe {config.recipe}, rig {config.rig}, trigger {config.trigger}"
         yield Check("station.toml", "ok", text)
 
-    yield from collected("station.toml", check_config)
+    yield from run_checks("station.toml", check_config)
     if not opened:
         return
     station = opened[0]
-    yield from collected("permissions", lambda: _check_permissions(folder))
-    yield from collected("disk", lambda: _check_disk(station))
-    yield from collected("recipe", lambda: _check_recipe(station))
-    yield from collected("results", lambda: _check_results(station))
+    yield from run_checks("permissions", lambda: _check_permissions(folder))
+    yield from run_checks("disk", lambda: _check_disk(station))
+    yield from run_checks("recipe", lambda: _check_recipe(station))
+    yield from run_checks("results", lambda: _check_results(station))
     yield from _check_extras(station.config)
     yield from diagnose(station.config.rig_in(folder))
 
@@ -82,7 +82,7 @@ def _check_recipe(station: StationFolder) -> Iterator[Check]:
         # Until then an approved state of the recipe judges; without one the station does not run.
         status: Status = "warning" if approved_states(files) else "fault"
         yield Check("approval", status, f"the recipe {state}", "run ps4rig station approve")
-    yield from collected("challenge", lambda: _check_challenge(files, inspector))
+    yield from run_checks("challenge", lambda: _check_challenge(files, inspector))
     yield from check_calibration_age(inspector.calibration, recipe.calibration)
 
 

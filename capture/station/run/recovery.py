@@ -88,6 +88,6 @@ def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:
     names = iter(sorted((folder / PARTS).glob(f"*/*{SET_SUFFIX}")))
     while batch := list(islice(names, _FILES_AT_A_TIME)):
         ids = {path.name.removesuffix(SET_SUFFIX): path for path in batch}
-        for part_id in sorted(ids.keys() - store.known(ids)):
+        for part_id in sorted(ids.keys() - store.known_ids(ids)):
             path = ids[part_id].relative_to(folder)
             yield f"{path}: no part of the results; keep it elsewhere, or restore the database"

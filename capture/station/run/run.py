@@ -7,7 +7,7 @@ from capture.station.domain.folder import StationFolder
 from capture.station.judge.inspector import COLLECTS
 from capture.station.results.store import ResultStore, open_store
 from rig import RigConfig
-from rig.doctor.check import Check, collected
+from rig.doctor.check import Check, run_checks
 
 from .cycle import Station
 from .equipment import Equipment, ReportAlive
@@ -55,7 +55,7 @@ def run_station(
             first = loader.collecting()
         else:
             first = loader.first(store, warn)
-            live.publish(first.loaded)
+            live.publish(first.loaded_event)
         rig = StationRig(config, rig_config, first.inspector)
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
             warn(warning)
@@ -89,7 +89,7 @@ def _checks(
 ) -> Iterator[Check]:
     """Check disk and database; then publish the results of parts that a killed run left behind."""
     floor_mb, set_size = folder.config.disk_floor_mb, set_bytes(rig_config)
-    yield from collected("disk", lambda: check_disk(folder.path, floor_mb, set_size), "disk")
+    yield from run_checks("disk", lambda: check_disk(folder.path, floor_mb, set_size), "disk")
     yield from check_results(store)
     for result in finish_interrupted(folder.path, store, clock.now):
         live.publish(PartRecovered(result))

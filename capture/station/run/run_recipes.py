@@ -50,7 +50,7 @@ class UsableRecipe:
         return self.inspector.recipe
 
     @cached_property
-    def loaded(self) -> RecipeLoaded:
+    def loaded_event(self) -> RecipeLoaded:
         """The event that announces the recipe when it is put into use."""
         return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
 

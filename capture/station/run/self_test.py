@@ -19,7 +19,7 @@ from capture.station.domain.verdict import Cause
 from capture.station.results.store import ResultStore
 from classify.base.durable_file import durable_file, make_folder
 from rig import HardwareError, Rig, RigConfig
-from rig.doctor.check import Check, collected
+from rig.doctor.check import Check, run_checks
 from rig.doctor.light_images import capture_light_images, check_leds
 
 from .events import SelfTestFinished
@@ -164,11 +164,11 @@ def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
             yield from checks_of_drift(drift_of_rig(rig, sheet))
 
     for _ in range(MAX_ATTEMPTS):
-        results = collected("rig", checks)
+        results = run_checks("rig", checks)
         if not any(check.status == "fault" for check in results):
             break
         # A transmission error leaves the line to the controller unusable until it is opened anew.
-        results += collected("light controller", lambda: _recovered(rig))
+        results += run_checks("light controller", lambda: _recovered(rig))
     return [replace(check, device=check.device or "camera") for check in results]
 
 

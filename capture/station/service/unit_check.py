@@ -7,7 +7,7 @@ from pathlib import Path
 from capture.station.domain.folder import StationFolder
 from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
-from rig.doctor.check import Check, collected
+from rig.doctor.check import Check, run_checks
 
 from .unit import OPTIONS, USER, unit_name, unit_text
 
@@ -23,7 +23,7 @@ def diagnose_unit(folder: Path) -> list[Check]:
         station = StationFolder(folder, is_foreign=True)
     except InputError:
         return []
-    return collected(_NAME, lambda: _check_unit(station))
+    return run_checks(_NAME, lambda: _check_unit(station))
 
 
 def _check_unit(station: StationFolder) -> Iterator[Check]:

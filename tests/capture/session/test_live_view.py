@@ -36,7 +36,7 @@ class Operator:
 
     def listen(self, event: object) -> None:
         if isinstance(event, SetCaptured):
-            self.view.captured(event.entry)
+            self.view.show_captured(event.entry)
 
 
 def is_complete(page: Page) -> bool:

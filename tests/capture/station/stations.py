@@ -217,7 +217,7 @@ class Bench:
             if self.recipes is not None:
                 self.recipes.begin(judge_of, FIRST)
                 judge = self.recipes.present.judge
-                live.publish(self.recipes.present.loaded)
+                live.publish(self.recipes.present.loaded_event)
             parts = Equipment(
                 self.camera,
                 judge,

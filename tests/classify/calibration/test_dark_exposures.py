@@ -23,7 +23,7 @@ def dark(exposure_ms: float | None, *hot: tuple[int, int], full: float = FULL) -
 
 @given(st.permutations([5.0, 10.0, 40.0]), st.floats(5.0, 40.0))
 def test_offset_and_variance_are_interpolated(order: list[float], exposure_ms: float) -> None:
-    several = dark(order[0]).added(dark(order[1])).added(dark(order[2]))
+    several = dark(order[0]).with_exposure_of(dark(order[1])).with_exposure_of(dark(order[2]))
     assert several.exposures_ms == (5.0, 10.0, 40.0)
     found, true = several.at(exposure_ms), dark(exposure_ms)
     # An exposure within 2 % of a measured one has its values.
@@ -34,14 +34,18 @@ def test_offset_and_variance_are_interpolated(order: list[float], exposure_ms: f
 
 
 def test_a_pixel_is_hot_if_it_is_at_one_of_the_exposures_around() -> None:
-    several = dark(5.0, (1, 1)).added(dark(10.0, (1, 1), (2, 3))).added(dark(40.0, (7, 7)))
+    several = (
+        dark(5.0, (1, 1))
+        .with_exposure_of(dark(10.0, (1, 1), (2, 3)))
+        .with_exposure_of(dark(40.0, (7, 7)))
+    )
     assert several.at(7.0).hot_pixels.tolist() == [[1, 1], [2, 3]]
     assert several.at(5.05).hot_pixels.tolist() == [[1, 1]]
 
 
 @pytest.mark.parametrize("exposure_ms", [4.8, 41.0, None])
 def test_no_exposure_is_extrapolated(exposure_ms: float | None) -> None:
-    several = dark(5.0).added(dark(40.0))
+    several = dark(5.0).with_exposure_of(dark(40.0))
     assert not several.holds_at(exposure_ms)
     with pytest.raises(InputError, match="measured from 5 to 40 ms"):
         several.at(exposure_ms)
@@ -57,7 +61,10 @@ def test_one_exposure_holds_there_and_where_none_is_stated() -> None:
 
 def test_an_equal_exposure_is_replaced() -> None:
     again = Dark(9.0, 1.0, np.empty((0, 2), np.int32), None, FULL, 20.1)
-    assert dark(5.0).added(dark(20.0)).added(again).exposures_ms == (5.0, 20.1)
+    assert dark(5.0).with_exposure_of(dark(20.0)).with_exposure_of(again).exposures_ms == (
+        5.0,
+        20.1,
+    )
 
 
 @pytest.mark.parametrize(
@@ -71,7 +78,7 @@ def test_exposures_rise(first: float | None, second: float | None) -> None:
 
 def test_exposures_have_one_depth() -> None:
     with pytest.raises(InputError, match="one depth"):
-        dark(5.0).added(dark(10.0, full=255.0))
+        dark(5.0).with_exposure_of(dark(10.0, full=255.0))
 
 
 def test_a_dark_part_that_does_not_hold_is_left_out_where_it_may_be() -> None:
@@ -80,7 +87,7 @@ def test_a_dark_part_that_does_not_hold_is_left_out_where_it_may_be() -> None:
 
 
 def test_images_are_never_corrected_by_another_exposure() -> None:
-    several = Calibration(dark(5.0).added(dark(40.0)))
+    several = Calibration(dark(5.0).with_exposure_of(dark(40.0)))
     stack = ImageStack(np.full((1, 16, 16), 500, np.uint16), None)
     with pytest.raises(ValueError, match="several exposures"):
         several.corrected(stack, FULL)

@@ -199,12 +199,12 @@ def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
         "limits_of": {},
     }
     for name, model in _MODELS.items():
-        settings[name] = dict(_given(model, name, given, getattr(recipe, name)))
+        settings[name] = dict(_entered_settings(model, name, given, getattr(recipe, name)))
     if not settings["region"]:
         settings["region"] = None
     for number, texture in enumerate(recipe.passes):
         present = recipe.limits_of.get(texture)
-        limits = dict(_given(Limits, f"limits_of.{number}", given, present))
+        limits = dict(_entered_settings(Limits, f"limits_of.{number}", given, present))
         if limits and texture in passes:
             settings["limits_of"][texture] = limits
     return settings
@@ -218,7 +218,7 @@ def _use(number: int) -> str:
     return f"use.{number}"
 
 
-def _given(
+def _entered_settings(
     model: type[Section], names: str, given: Mapping[str, Any], present: Section | None
 ) -> Iterator[tuple[str, Any]]:
     for key in model.model_fields:

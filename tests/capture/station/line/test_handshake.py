@@ -96,7 +96,7 @@ def triggered(handshake: Handshake, trigger_id: int, **values: Any) -> TriggerRe
 def accepted(handshake: Handshake, number: int, trigger_id: int = 1) -> None:
     """A whole trigger, with its exposure."""
     request = triggered(handshake, trigger_id)
-    handshake.answered(request, Accepted(f"part-{number:06d}", number))
+    handshake.handle_answer(request, Accepted(f"part-{number:06d}", number))
     write(handshake)
     tell(handshake, ExposureComplete(f"part-{number:06d}", number))
 
@@ -107,7 +107,7 @@ def test_a_part_goes_through_the_handshake_of_the_readme() -> None:
     request = triggered(handshake, 5, part_id="A-17")
     assert request == TriggerRequest(5, "A-17")
     assert status(handshake) == Status.BUSY
-    handshake.answered(request, Accepted("A-17", 3))
+    handshake.handle_answer(request, Accepted("A-17", 3))
     assert status(handshake) == Status.BUSY | Status.ACK
     assert (shown(handshake)["trigger_id"], shown(handshake)["number"]) == (5, 3)
     write(handshake)
@@ -158,7 +158,7 @@ def test_a_trigger_that_the_handshake_refuses_has_a_code_and_is_to_be_recorded(
     tell(handshake, RecipeLoaded("steel", 4, "0" * 64))
     first = triggered(handshake, 1)
     if first.refusal is None:
-        handshake.answered(first, Refused("busy"))
+        handshake.handle_answer(first, Refused("busy"))
     write(handshake)
     request = triggered(handshake, **{"trigger_id": 2} | values)
     assert request.refusal
@@ -206,7 +206,7 @@ def test_a_recipe_that_is_not_loaded_has_its_code_and_the_old_one_stays(
     kind: RecipeRefusal,
 ) -> None:
     handshake, request = selecting()
-    handshake.selection.refused(request, kind)
+    handshake.selection.handle_refusal(request, kind)
     page = shown(handshake)
     assert Status(page["status"]) == Status.RECIPE_REFUSED
     assert [page[name] for name in ("recipe", "selected")] == [2, 1]
@@ -260,7 +260,7 @@ def test_a_trigger_that_was_withdrawn_gets_no_ack_and_the_next_one_waits_for_its
     second = triggered(handshake, 2)
     assert second.refusal
     assert shown(handshake)["error"] == Refusal.UNANSWERED
-    handshake.answered(first, Accepted("part-000001", 1))
+    handshake.handle_answer(first, Accepted("part-000001", 1))
     assert Status.ACK not in status(handshake)
     assert shown(handshake)["trigger_id"] == 2
     assert Status.BUSY in status(handshake)
@@ -269,7 +269,7 @@ def test_a_trigger_that_was_withdrawn_gets_no_ack_and_the_next_one_waits_for_its
 def test_a_trigger_that_stays_set_begins_one_part() -> None:
     handshake = ready()
     request = triggered(handshake, 1)
-    handshake.answered(request, Accepted("part-000001", 1))
+    handshake.handle_answer(request, Accepted("part-000001", 1))
     for trigger_id in (1, 2, 3):
         assert write(handshake, commands=Command.TRIGGER, trigger_id=trigger_id) is None
     assert shown(handshake)["trigger_id"] == 1
@@ -300,7 +300,7 @@ def test_a_result_is_not_shown_before_its_trigger_is_answered() -> None:
     tell(handshake, ExposureComplete("part-000001", 1))
     tell(handshake, PartAnnounced(result(1), 1.0))
     assert not status(handshake) & (Status.RESULTS_VALID | Status.EXPOSURE_COMPLETE)
-    handshake.answered(request, Accepted("part-000001", 1))
+    handshake.handle_answer(request, Accepted("part-000001", 1))
     assert status(handshake) & ~Status.READY == (
         Status.ACK | Status.RESULTS_VALID | Status.EXPOSURE_COMPLETE
     )
@@ -509,7 +509,7 @@ class Belt(RuleBasedStateMachine):
     def refuse_selected(self, kind: RecipeRefusal) -> None:
         request = self.station.selection.loading
         assert request is not None
-        self.station.selection.refused(request, kind)
+        self.station.selection.handle_refusal(request, kind)
 
     @precondition(may_load)
     @rule(name=st.sampled_from(RECIPES))
@@ -551,14 +551,14 @@ class Belt(RuleBasedStateMachine):
     def refuse(self, kind: Refusal) -> None:
         assert self.request is not None
         request, self.request = self.request, None
-        self.station.answered(request, Refused("it cannot", kind))
+        self.station.handle_answer(request, Refused("it cannot", kind))
 
     @precondition(lambda self: self.unanswered is not None)
     @rule()
     def answer(self) -> None:
         assert self.unanswered is not None
         (request, number), self.unanswered = self.unanswered, None
-        self.station.answered(request, Accepted(f"part-{number:06d}", number))
+        self.station.handle_answer(request, Accepted(f"part-{number:06d}", number))
 
     @precondition(lambda self: self.exposing is not None)
     @rule()

@@ -54,7 +54,7 @@ def test_what_no_database_can_hold_selects_nothing(store: ResultStore, value: st
     ):
         assert list(store.parts(selection)) == []
         assert store.counters(selection).production.parts == 0
-    assert store.known([value]) == set()
+    assert store.known_ids([value]) == set()
 
 
 @pytest.mark.parametrize(("text", "found"), [("a-1", ["A-1", "xa-17"]), ("%", []), ("_", ["b_2"])])

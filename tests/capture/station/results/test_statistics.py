@@ -15,7 +15,7 @@ from capture.station.results.statistics import (
     Choices,
     Period,
     choices,
-    counted,
+    count_parts,
     counted_causes,
     counted_defects,
     counted_periods,
@@ -30,7 +30,7 @@ PRODUCTION = Selection(simulated=False)
 
 
 def groups_of(store: ResultStore, selection: Selection = PRODUCTION) -> Sequence[Row[Any]]:
-    return counted(store, selection)[1]
+    return count_parts(store, selection)[1]
 
 
 def periods_of(store: ResultStore, zone: tzinfo, selection: Selection = PRODUCTION) -> list[Period]:

@@ -83,7 +83,7 @@ def test_a_changed_recipe_comes_into_force_when_it_is_loaded_again(
     assert newest_changes(store, 5) == []  # the self-test may still fail
     recipes.keep(wanted, KIM)
     assert recipes.present.recipe.note == "sheet 7"
-    assert recipes.present.loaded.by == "kim"
+    assert recipes.present.loaded_event.by == "kim"
     [change] = newest_changes(store, 5)
     named = [f"example, version 2, {each.recipe.sha256[:8]}" for each in (before, wanted)]
     assert [change.by, change.role, change.what] == ["kim", "engineer", "loaded recipe"]
