@@ -297,6 +297,7 @@ def _variance(energies: FloatMap, freedom: int, min_variance: float) -> float:
     sums = np.cumsum(ordered, dtype=np.float64)
     tenth = float(ordered[len(ordered) // 10])
     variance = max(min_variance, tenth / chi_squared(freedom, _TENTH))
+    # Until the variance stays; 30 rounds bound a slow approach.
     for _ in range(30):
         limit = chi_squared(freedom, BEYOND_NOISE) * variance
         count = int(np.searchsorted(ordered, limit, "right"))

@@ -47,6 +47,7 @@ _PREMULTIPLIED = "its colours are multiplied by their alpha; save it without alp
 # EXIF data, XMP with its extensions, and image resources.
 _METADATA_SEGMENTS = (b"Exif\0", b"EXIF\0", b"exif\0", b"http://ns.adobe.com/", b"Photoshop 3.0\0")
 _ONE_OF_SEVERAL = 2  # a bit of NewSubfileType
+_BITS_PER_SAMPLE, _SAMPLE_FORMAT = 258, 339  # tags of TIFF 6.0
 # Compressions whose decoders detect missing data; those of JPEG, JPEG 2000 and JPEG XR fill it with
 # grey.
 _TIFF_COMPRESSIONS = (
@@ -277,8 +278,8 @@ def _tiff_pixels(page: "tifffile.TiffPage") -> Array:
     extras, samples = page.extrasamples, page.samplesperpixel
     if colours is None:
         raise InputError(f"TIFF pixels are {kind}; save it as grey or RGB")
-    formats = {*np.ravel(page.tags.valueof(339, tifffile.SAMPLEFORMAT.UINT))}
-    depths = {*np.ravel(page.tags.valueof(258, 1))}
+    formats = {*np.ravel(page.tags.valueof(_SAMPLE_FORMAT, tifffile.SAMPLEFORMAT.UINT))}
+    depths = {*np.ravel(page.tags.valueof(_BITS_PER_SAMPLE, 1))}
     if depths not in ({8}, {16}) or formats != {tifffile.SAMPLEFORMAT.UINT}:
         names = " and ".join(tifffile.SAMPLEFORMAT(number).name for number in formats)
         bits = " and ".join(map(str, depths))

@@ -90,7 +90,7 @@ def _contents(blobs: Iterable[bytes]) -> tuple[list[Mapping[Any, Any]], list[byt
                 for ifd in (exif, exif.get_ifd(ExifTags.IFD.Exif)):
                     named = {ExifTags.TAGS.get(tag): value for tag, value in ifd.items()}
                     directories.append(named)
-            elif data[36:40] == b"acsp":
+            elif data[36:40] == b"acsp":  # signature of an ICC profile
                 profiles.append(data)
             else:
                 packets.append(data)

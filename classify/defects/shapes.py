@@ -14,7 +14,9 @@ Image = npt.NDArray[np.float64]
 _ENTRY_SHARE = 0.25
 # Share of an outline's radius at which stains and patches begin to fade.
 _FADE_FROM = 0.6
-# Lobes and their amplitudes and phases: an outline without symmetry, between 0.7 and 1 of size / 2.
+# Radius of an outline as a share of size / 2: mean, and lobes with their amplitudes and phases. The
+# outline has no symmetry, and stays between 0.7 and 1.
+_MEAN_RADIUS = 0.85
 _LOBES = ((2, 0.07, 0.0), (3, 0.05, 1.0), (5, 0.03, 2.5))
 
 
@@ -51,7 +53,7 @@ def scratch(length_px: float, width_px: float, along: Image, across: Image) -> S
 def blot(diameter_px: float, along: Image, across: Image) -> Shape:
     """Weight of a stain or a patch: 1 within, a raised cosine down to 0 at an irregular outline."""
     distance, angle = np.hypot(along, across), np.arctan2(across, along)
-    radius, turning = np.full_like(distance, 0.85), np.zeros_like(distance)
+    radius, turning = np.full_like(distance, _MEAN_RADIUS), np.zeros_like(distance)
     for lobes, amplitude, start in _LOBES:
         radius += amplitude * np.cos(lobes * angle + start)
         turning -= amplitude * lobes * np.sin(lobes * angle + start)

@@ -154,6 +154,7 @@ def _interpolate(
 @lru_cache(maxsize=8)
 def _ring(radius: float) -> tuple[FloatMap, FloatMap, FloatMap]:
     """Kernels of a ring: the mean, and those of x and y for the mean outward component."""
+    # The ring is a Gaussian of 0.45 px across.
     y, x = np.mgrid[4:-5:-1, -4:5].astype(np.float32)
     distance = np.hypot(x, y)
     weight = np.exp(-0.5 * ((distance - radius) / 0.45) ** 2)
@@ -225,7 +226,7 @@ def _bounded(logs: Array) -> Array:
 def _to_departures(errors: Floats, expected_level: Floats) -> Floats:
     """(values, departures) matched filters (North 1943) of the errors of good spots."""
     covariance = errors.T @ errors / len(errors)
-    covariance += np.diag(0.01 * np.diag(covariance) + 1e-9)
+    covariance += np.diag(0.01 * np.diag(covariance) + 1e-9)  # a ridge
     count, last = len(_ENERGY_COLUMNS), _MEASURED_COUNT - len(_SLOPES)
     stain, dent = -expected_level, np.zeros(_MEASURED_COUNT)
     stain[count:last] += [value for _, value in _LEVELS]

@@ -315,6 +315,7 @@ def _map_values(
     rho = np.sqrt(x * x + y * y + z * z)
     visible = (z > max(MIN_NORMAL_Z * rho, MIN_SCALED_Z)) & (z * z >= floor * rho)
     inverse = np.float32(-1.0) / z if visible else np.float32(0.0)
+    # Three lights or more; the count is a float.
     return x * inverse, y * inverse, rho, visible & (lit_count > np.float32(2.5))
 
 

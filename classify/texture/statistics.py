@@ -131,6 +131,7 @@ def statistics_vector(
     upper = np.triu_indices(spread.shape[1], 1)
     scale = spread[:, upper[0]] * spread[:, upper[1]]
     correlations = measured.energies[:, upper[0], upper[1]] / np.maximum(scale, 1e-6)
+    # Finite also for a spread of 0 and a correlation of 1.
     parts += [np.log(spread + 0.05), np.arctanh(np.clip(correlations, -0.95, 0.95))]
     return np.concatenate(parts, axis=1)
 
