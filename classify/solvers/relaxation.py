@@ -182,7 +182,8 @@ def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
 def relax(
     unsolved: Unsolved, albedo_weight: np.float32, curl_weight: np.float32, strip_px: int
 ) -> None:
-    """Smooth the unsolved pixels towards the minimum that `link` describes."""
+    """Minimise squared differences of neighbours, and squared curl, over the unsolved pixels."""
+    # `link` has the equations of the minimum.
     # Chebyshev semi-iteration (Golub and Varga 1961): all pixels move at once, so no direction is
     # preferred.
     # Largest eigenvalue of the iteration: the mean of 2, of differences between neighbours with

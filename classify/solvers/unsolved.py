@@ -63,11 +63,11 @@ def link(
     p: Array, q: Array, albedo: Array, strip_px: int,
 ) -> None:  # fmt: skip
     """Find the neighbours of each pixel, and sum up those that are solved (`unlit` 0)."""
-    # `relax` minimises the squared steps of slope and albedo between neighbours, and the squared
-    # curl of each block of 2 x 2 pixels. At one pixel the best p is a weighted mean of two terms:
-    # the mean of p at the four neighbours beside it, with weight 1, and (2 (p_n + p_s - p_w - p_e)
-    # + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4, with weight 4 curl_weight;
-    # likewise for q.
+    # `relax` minimises the squared differences of slope and albedo between neighbours, and the
+    # squared curl of each block of 2 x 2 pixels. At one pixel the best p is a weighted mean of two
+    # terms: the mean of p at the four neighbours beside it, with weight 1, and (2 (p_n + p_s - p_w
+    # - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4, with weight 4
+    # curl_weight. The best q is found likewise.
     factors = neighbour_factors(curl_weight)
 
     def link_part(first: int, last: int) -> None:
@@ -80,7 +80,7 @@ def link(
 
 
 def neighbour_factors(curl_weight: np.float32) -> Array:
-    """(8, 4) factors of the neighbours in the minimum of `link`.
+    """(8, 4) factors of the neighbours in the minimum that `relax` seeks; see `link`.
 
     The columns are: p in the best p, q in the best p, q in the best q, albedo in the best albedo.
     The factor of p in the best q is that of q in the best p.

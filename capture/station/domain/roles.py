@@ -23,7 +23,7 @@ class Role(StrEnum):
 
 @dataclass(frozen=True)
 class Identity:
-    """Who asks."""
+    """A person or a program that asks for something."""
 
     name: str
     role: Role

@@ -69,7 +69,8 @@ def statistics_of(panel: Panel, selection: Selection) -> StationStatistics:
             "causes",
             "Causes",
             "Parts that the station did not pass, by their gravest cause. A part that is like no "
-            "texture counts under its next cause, if it has one. Overrides change nothing here.",
+            "texture counts under its next cause, if it has one; also: parts that have the cause "
+            "beside a graver one. Overrides change nothing here.",
             counted_causes(groups),
         ),
         *_pareto_figure(

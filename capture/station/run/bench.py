@@ -61,7 +61,7 @@ _NO_HASH = "0" * 64
 
 @dataclass(frozen=True)
 class _BenchResult:
-    """What a bench measured."""
+    """Times, memory and verdicts of a bench."""
 
     # From the end of the last exposure to the announced result, of each part.
     latencies_ms: tuple[float, ...]

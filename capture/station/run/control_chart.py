@@ -206,7 +206,7 @@ class _ChartPoint:
 
 @dataclass(frozen=True)
 class ChartHistory:
-    """A control chart."""
+    """The points of a control chart, and its limits."""
 
     points: tuple[_ChartPoint, ...]
     baseline_points: int  # number of first points

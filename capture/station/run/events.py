@@ -36,7 +36,7 @@ class StateChanged:
 
     @property
     def reason(self) -> str:
-        """Why, in words."""
+        """The cause of the change, in words."""
         return self.why or str(self.fault or self.change)
 
 

@@ -45,7 +45,7 @@ class _Overlap:
 
 @dataclass(frozen=True, eq=False)
 class Teaching:
-    """The outcome of teaching."""
+    """A taught recipe, with the parts, matches and limits that it is from."""
 
     recipe: Recipe
     taught: Taught
