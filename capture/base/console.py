@@ -65,13 +65,13 @@ def progress(
 
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task, done = bar.add_task(description, total=total), 0
+        task, finished = bar.add_task(description, total=total), 0
         if item_progress is not None:
-            item_progress.show = lambda share: bar.update(task, completed=done + share)
+            item_progress.show = lambda share: bar.update(task, completed=finished + share)
         for item in items:
             yield item
-            done += 1
-            bar.update(task, completed=done)
+            finished += 1
+            bar.update(task, completed=finished)
 
 
 def complain(message: str) -> None:

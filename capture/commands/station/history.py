@@ -72,18 +72,20 @@ def history(
         label=label,
         recipe=recipe,
     )
-    shown = selection if include_simulated else replace(selection, simulated=False)
+    chosen_parts = selection if include_simulated else replace(selection, simulated=False)
     with _results_of(folder) as store:
         if csv:
-            write_csv(store.parts(shown), sys.stdout)
+            write_csv(store.parts(chosen_parts), sys.stdout)
         elif json:
             counters, chain = store.counters(selection), store.chain_head()
-            sys.stdout.writelines(json_pieces(store.station, counters, chain, store.parts(shown)))
+            sys.stdout.writelines(
+                json_pieces(store.station, counters, chain, store.parts(chosen_parts))
+            )
         else:
             _show(store.station, store.counters(selection), include_simulated)
             chain = store.chain_head()
             out.print(f"chain of hashes: {chain.link} rows, head {chain.chain_sha256}")
-            _show_parts(store.parts(shown, newest=_SHOWN_PARTS))
+            _show_parts(store.parts(chosen_parts, newest=_SHOWN_PARTS))
 
 
 @reports_errors

@@ -307,10 +307,12 @@ async def _part(
         deadline_s, must_read = loop.time() + wait_s, True
         while True:
             changed.clear()
-            events, lost = subscription.take()
+            events, lost_count = subscription.take()
             is_over = subscription.is_closed or loop.time() >= deadline_s
             # Events of other parts need no further query of the database.
-            has_event = lost > 0 or any(event.fields.get("part_id") == part_id for event in events)
+            has_event = lost_count > 0 or any(
+                event.fields.get("part_id") == part_id for event in events
+            )
             if must_read or has_event or is_over:
                 try:
                     return JsonAnswer(await run_in_threadpool(record))

@@ -123,9 +123,9 @@ async def _messages(
                     return
                 check = None
             is_closed = subscription.is_closed  # before the last events are taken
-            waiting, lost = subscription.take()
+            waiting, lost_count = subscription.take()
             texts = []
-            if lost:
+            if lost_count:
                 snapshot = live.snapshot()
                 texts.append(_snapshot_message(snapshot))
                 sent = snapshot.event_id

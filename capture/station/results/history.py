@@ -150,14 +150,14 @@ def _page(
 
 
 def part_groups(
-    connection: Connection, station: str, selection: Selection, *further: ColumnElement[Any]
+    connection: Connection, station: str, selection: Selection, *more_columns: ColumnElement[Any]
 ) -> Sequence[Row[Any]]:
-    """Count the selected parts by verdicts; with `further` columns also by them and by causes."""
+    """Count the selected parts by verdicts; with `more_columns` also by those and by causes."""
     causes: ColumnElement[str] = cast(results.c.causes, Text)
-    if not further:  # a short text is compared in less time
+    if not more_columns:  # a short text is compared in less time
         causes = case((causes == COLLECTED, causes), else_="")
     columns = (
-        *further,
+        *more_columns,
         results.c.simulated,
         results.c.decision,
         _IN_FORCE.label("in_force"),

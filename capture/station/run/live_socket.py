@@ -172,12 +172,12 @@ class _Panel:
     def _send(self, reply: bytes) -> None:
         """Send the waiting events, then a reply; a panel that lost events must connect again."""
         with self._sending:
-            events, lost = self._subscription.take()
+            events, lost_count = self._subscription.take()
             try:
                 self._connection.sendall(b"".join(event.as_line for event in events) + reply)
             except OSError:
-                lost = 1
-            if lost:
+                lost_count = 1
+            if lost_count:
                 self._has_ended = True
                 self._woken.set()
 
