@@ -215,7 +215,7 @@ def _level_limit(error: float) -> float:
 def _weak_leds(
     agreement: LightAgreement | None, images: LightImages, least_level: float | None
 ) -> tuple[str, ...]:
-    """LEDs whose level must be corrected, in words; reject what no level of an LED explains."""
+    """Describe LEDs whose level must be corrected; reject images that no LED level explains."""
     if agreement is None or agreement.levels is None:
         return ()
     limit = _level_limit(agreement.level_error)

@@ -155,7 +155,7 @@ class SessionTerminal:
 
 
 def line_of(entry: SetEntry) -> str:
-    """Return what the terminal shows of a set that was captured."""
+    """Return the line of the terminal for a captured set."""
     measures = entry.measures
     if measures is None:
         return f"{entry.file}: captured"

@@ -1,4 +1,4 @@
-"""The page of a comparison: maps side by side, numbers, and what differs."""
+"""The page of a comparison: maps side by side, numbers, and differences."""
 
 from __future__ import annotations
 

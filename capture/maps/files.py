@@ -56,7 +56,7 @@ def _roughness_note(maps: SurfaceMaps) -> str:
 
 
 def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dict[str, Any] | None:
-    """Return what holds for the whole frame: heights, and errors of the calibration."""
+    """Return the uncertainty of the whole frame: of heights, and from errors of the calibration."""
     uncertainty = maps.roughness_uncertainty
     if uncertainty is None:
         return None

@@ -19,7 +19,7 @@ _Test = TypeVar("_Test", bound=Observation)
 _Training = TypeVar("_Training", bound=Observation)
 
 Parameters = Mapping[str, Floats]
-"""What a classifier learns from all training sets together, such as floors and weights."""
+"""Numbers that a classifier learns from all training sets together, such as floors and weights."""
 
 Shape = tuple[int, ...]
 """Shape of an array; -1 stands for any length."""

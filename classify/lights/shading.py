@@ -71,8 +71,8 @@ class _Shading:
 
     contrasts: tuple[Floats, ...]  # (N, N), at pixels lit by all
     noises: tuple[Floats, ...]  # (N,) upper bound of the variance that is white noise
-    shadings: tuple[Floats, ...]  # (N, N) of the contrasts less their mean over the lights
-    steps: tuple[Floats, ...]  # (2N, 2N) of the steps of the latter, right then up
+    shadings: tuple[Floats, ...]  # (N, N) of the shading: contrasts less their mean over the lights
+    steps: tuple[Floats, ...]  # (2N, 2N) of differences of shading to the next pixel, right then up
 
 
 @dataclass(frozen=True)

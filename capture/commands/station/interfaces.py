@@ -1,4 +1,4 @@
-"""The interfaces of a running station: what `ps4rig station run` starts beside it."""
+"""The interfaces that `ps4rig station run` starts beside a station."""
 
 from __future__ import annotations
 

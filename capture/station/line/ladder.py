@@ -63,7 +63,7 @@ class Ladder:
         self._expected: dict[int, tuple[str, float]] = {}
 
     def scan(self, inputs: Mapping[str, Any], now_s: float) -> dict[str, Any]:
-        """Return what the PLC writes, by name, for the whole page that it has read."""
+        """Return the registers that the PLC writes, by name, after it has read the whole page."""
         if inputs["session"] != self._session:
             self._begin_session(inputs)
         status = Status(inputs["status"])

@@ -1,4 +1,4 @@
-"""How calls of the API are described: what they answer, and what else may happen."""
+"""Descriptions of the calls of the API: their answers and errors."""
 
 from dataclasses import is_dataclass
 from typing import Annotated, Any, get_type_hints

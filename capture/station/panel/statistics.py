@@ -188,7 +188,7 @@ def _gauge_figure(report: GaugeReport | None) -> Iterator[Figure]:
         return
     names = ("effectiveness", "misses", "false_alarms")
     shares = (report.effectiveness, report.misses, report.false_alarms)
-    # The rating; or what too few parts do not show; or the last kind of made faults.
+    # The last line is the rating, a lack of parts, or the result of the last kind of made faults.
     conclusion = report.lines[-1]
     yield Figure(
         "gauge",

@@ -359,7 +359,7 @@ def _measured_limits(
 
 
 def _with_limits(recipe: Recipe, limits_of: LimitsOf, taught: Taught) -> Recipe:
-    """The recipe with limits, and with what else was taught."""
+    """The recipe with the taught limits, exposure and need of a calibration."""
     exposure_ms = taught.setting.exposure_ms
     required = recipe.calibration.required or taught.has_calibration
     return recipe.model_copy(

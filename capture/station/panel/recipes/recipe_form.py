@@ -36,12 +36,12 @@ class _FormField:
     hint: str
     kind: Literal["number", "yes", "text"]
     value: str
-    message: str  # what is wrong with the value; empty if nothing is
+    message: str  # about an invalid value; empty for a valid one
 
 
 @dataclass(frozen=True)
 class _FormSection:
-    """Fields with a heading; `message` says what is wrong with their combination."""
+    """Fields with a heading; `message` is about an invalid combination of them."""
 
     title: str
     hint: str
