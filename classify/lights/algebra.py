@@ -10,7 +10,7 @@ from classify.lighting import Lighting
 
 # Smallest singular value of three light directions that determines a normal: at 1e-3, noise of a
 # thousandth of the signal makes a slope error of 1.
-_MIN_VOLUME = 1e-3
+_MIN_SINGULAR_VALUE = 1e-3
 # Tilt of the light that each version of PS3 leaves out (thesis section 9.3).
 _PS3_UNUSED_TILT_DEG = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90.0, "ps3d": 180.0}
 
@@ -27,10 +27,10 @@ def drop_one_constants(lighting: Lighting, method: str) -> tuple[Floats, Floats]
     # The smallest singular value of the lights without light k is at least |nul_k| times that of
     # all four (Cramer's rule, and singular values interlace).
     u, singular, v = np.linalg.svd(L.T)
-    volumes = np.abs(v[3]) * singular[2]
-    if volumes.min() < _MIN_VOLUME:
+    singular_bounds = np.abs(v[3]) * singular[2]
+    if singular_bounds.min() < _MIN_SINGULAR_VALUE:
         raise InputError(
-            f"without light {np.argmin(volumes)} the other three lie in one plane; "
+            f"without light {np.argmin(singular_bounds)} the other three lie in one plane; "
             f"{method} needs any three of the four to determine the normal"
         )
     pinv, null = (u / singular) @ v[:3], v[3]
@@ -50,7 +50,7 @@ def require_solvable(lighting: Lighting) -> None:
             f"the {len(L)} lights stand in {distinct} direction{'s' * (distinct > 1)}; slopes need "
             "at least three, not all in one plane"
         )
-    if np.linalg.svd(L, compute_uv=False)[-1] < _MIN_VOLUME:
+    if np.linalg.svd(L, compute_uv=False)[-1] < _MIN_SINGULAR_VALUE:
         raise InputError(
             f"the {len(L)} lights lie in one plane with the surface point, so that slopes across "
             "it are unknown; give a light beside it"
@@ -78,7 +78,8 @@ def three_of_ring(lighting: Lighting, method: str) -> tuple[FloatMap, int]:
 
 
 def drop_two_inverses(lighting: Lighting) -> FloatMap:
-    """(N, N, 3, 3) inverse of L^T L without lights i and j; NaN if singular, [i, i] of all."""
+    """(N, N, 3, 3) inverses of L^T L without lights i and j; NaN if singular."""
+    # Entries [i, i] are the inverse for all lights.
     L = lighting.directions
     count = len(L)
     if count < 5:
@@ -87,23 +88,23 @@ def drop_two_inverses(lighting: Lighting) -> FloatMap:
             "use ps4_robust for 4"
         )
     outer = L[:, :, None] * L[:, None, :]
-    normal = outer.sum(axis=0) - outer[:, None] - outer[None, :]
-    normal[np.arange(count), np.arange(count)] = outer.sum(axis=0)
-    singular = np.linalg.eigvalsh(normal)[..., 0] < _MIN_VOLUME**2
-    if singular[~np.eye(count, dtype=bool)].all():
+    gram = outer.sum(axis=0) - outer[:, None] - outer[None, :]
+    gram[np.arange(count), np.arange(count)] = outer.sum(axis=0)
+    is_singular = np.linalg.eigvalsh(gram)[..., 0] < _MIN_SINGULAR_VALUE**2
+    if is_singular[~np.eye(count, dtype=bool)].all():
         raise InputError(
             "whichever two lights are dropped, the others lie in one plane; rushmeier needs "
             "lights in general position"
         )
-    normal[singular] = np.eye(3)
-    inverses = np.linalg.inv(normal).astype(np.float32)
-    inverses[singular] = np.nan
+    gram[is_singular] = np.eye(3)
+    inverses = np.linalg.inv(gram).astype(np.float32)
+    inverses[is_singular] = np.nan
     return inverses
 
 
 def _pseudo_inverse(directions: Floats, method: str) -> FloatMap:
     singular = np.linalg.svd(directions, compute_uv=False)
-    if len(directions) < 3 or singular[-1] < _MIN_VOLUME:
+    if len(directions) < 3 or singular[-1] < _MIN_SINGULAR_VALUE:
         raise InputError(
             f"{method} cannot solve from {len(directions)} lights that do not span three "
             "dimensions; at least three are needed, not all in one plane"

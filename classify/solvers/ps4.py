@@ -11,7 +11,9 @@ from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, SHADOW_FLOOR, SHADO
 from .problem import Maps, Problem, all_false
 from .strips import solve_strips
 
-_DARK = SHADOW_FRACTION * SHADOW_FLOOR
+# A light counts as shadowed up to this value, relative to the albedo: see classify/shadow_rule.py.
+# The prediction is not computed here, so its smallest value stands for it.
+_SHADOW_LIMIT = SHADOW_FRACTION * SHADOW_FLOOR
 
 
 def solve_ps4(problem: Problem) -> Maps:
@@ -50,9 +52,10 @@ def _drop_darkest(
     # lights reach. So the other values predict i_k - r / nul_k for the darkest light k. With that
     # in place of i_k, any three of the values give b. Of n equally dark lights, each is left out
     # in turn, and b is the mean: each value is corrected by 1 / n of r / nul_k.
-    # A slope is valid where b_z^2 >= `noise_floor` rho, no light is saturated, and the second
-    # darkest light is out of shadow. Of equally dark lights, its value is lowered by the part of
-    # the correction that the mean lacks.
+    # A slope is valid where no light is saturated, the second darkest light is out of shadow, and
+    # b_z^2 >= `noise_floor` rho: the standard error of a slope is proportional to rho / b_z^2
+    # (`noise_floor_factor`). If n > 1 lights are equally dark, the value of the second darkest is
+    # lowered by (n - 1) / n of |r| max(1 / |nul|), the largest correction that the mean omits.
     columns = p.shape[1]
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
@@ -62,7 +65,7 @@ def _drop_darkest(
     c0, c1, c2, c3 = one / n0, one / n1, one / n2, one / n3
     max_inverse = max(max(abs(c0), abs(c1)), max(abs(c2), abs(c3)))
     for r in range(first, last):
-        dark_row = ambient[min(r, len(ambient) - 1)]
+        ambient_row = ambient[min(r, len(ambient) - 1)]  # one row of zeros without an image
         dark_count = 0
         for c in range(columns):
             v0 = np.float32(images[0, r, c])
@@ -70,11 +73,11 @@ def _drop_darkest(
             v2 = np.float32(images[2, r, c])
             v3 = np.float32(images[3, r, c])
             brightest = max(max(v0, v1), max(v2, v3))
-            dark = np.float32(dark_row[c])
-            v0 = (v0 - dark) * g0
-            v1 = (v1 - dark) * g1
-            v2 = (v2 - dark) * g2
-            v3 = (v3 - dark) * g3
+            ambient_value = np.float32(ambient_row[c])
+            v0 = (v0 - ambient_value) * g0
+            v1 = (v1 - ambient_value) * g1
+            v2 = (v2 - ambient_value) * g2
+            v3 = (v3 - ambient_value) * g3
             low, other_low = min(v0, v1), min(v2, v3)
             darkest = min(low, other_low)
             second = min(max(low, other_low), min(max(v0, v1), max(v2, v3)))
@@ -101,5 +104,5 @@ def _drop_darkest(
             scaled = rho * albedo_gain
             albedo[r, c] = scaled
             dark_count += scaled < dark_albedo
-            valid[r, c] = visible & (second > _DARK * rho)
+            valid[r, c] = visible & (second > _SHADOW_LIMIT * rho)
         dark_counts[r] = dark_count

@@ -41,14 +41,17 @@ _VARIANCE_ERROR = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR_STEPS
 # Weight of the mean of the frame in a local mean, for places without usable pixels nearby.
 _FRAME_WEIGHT = np.float32(1e-3)
 _TINY = np.float32(1e-30)
-# Gloss makes solved slopes too steep. Where a light was left out, no residual corrects them, and
-# the specular lobe is that of the solved slope times this factor (`tests.evidence.uncertainty`).
+# Gloss steepens the solved slopes. A pixel with a dropped light has no residual that shows by how
+# much: its specular lobe is evaluated at the solved slope times this factor
+# (`tests.evidence.uncertainty`).
 _GLOSS_SLOPE_FACTOR = np.float32(0.55)
+# Least share of b_z that remains when the lobes are subtracted: a slope is a quotient by b_z.
+_MIN_MATT_SHARE = np.float32(0.1)
 _MAX_UNROLLED_LIGHTS = 8  # lights; loops over more take long to compile
 # Least significance of a lobe in standard deviations. With four lights, which have one residual,
-# lobes count as equally likely if they explain at least `_AS_LIKELY` of what the best one explains
-# (gloss in classify/DECISIONS.md).
-_SIGNIFICANT, _AS_LIKELY = 5.0, 0.97
+# lobes tie if they reduce chi squared by at least `_TIE_SHARE` of the largest reduction (gloss in
+# classify/DECISIONS.md).
+_MIN_LOBE_SIGMAS, _TIE_SHARE = 5.0, 0.97
 
 
 def with_deviations(
@@ -68,11 +71,12 @@ def with_deviations(
     lobe_strengths = strengths.astype(np.float32) if strengths.any() else None
     model_error = cv2.resize(model_error_grid, shape[::-1], interpolation=cv2.INTER_LINEAR)
     maps = np.empty((4, *shape), np.float32)
-    plane = Shear.of(lighting).plane
+    light_plane = Shear.of(lighting).plane  # of near lights, per px; 0 if distant
     lights, corrections, unit_covariances = _constants(lighting, gains)
     x, y = middle_px(shape[1]), -middle_px(shape[0])
     saturation = np.float32(surface.full_scale or np.inf)
     leaves_out = surface.method != "least_squares"
+    # Other methods have no fitted factor: their lobes are those of the solved slopes.
     lobe_slope_factor = _GLOSS_SLOPE_FACTOR if surface.method == "ps4_robust" else np.float32(1.0)
 
     def propagate(first: int, last: int) -> None:
@@ -82,7 +86,7 @@ def with_deviations(
         raw = None if undivided is stack else undivided.images[:, rows].astype(np.float32)
         propagate_errors(
             images, dark, raw, lights, corrections, unit_covariances, lobe_strengths, noise,
-            saturation, leaves_out, lobe_slope_factor, plane, x, y[rows], surface.p[rows],
+            saturation, leaves_out, lobe_slope_factor, light_plane, x, y[rows], surface.p[rows],
             surface.q[rows], surface.albedo[rows], dropped, model_error[rows], *maps[:, rows],
         )  # fmt: skip
 
@@ -113,13 +117,13 @@ class _Solution:
     def at(self, pixels: Indices) -> tuple[FloatMap, FloatMap]:
         """(N, n) values in units of the albedo, and their variances by the noise."""
         gains, (a, b, black) = self.gains[:, None], self.noise
-        values, raw = self.stack.values_at(pixels), ImageStack.raw_at(self.undivided, pixels)
-        divided_shares = np.ones_like(raw)
+        values, raw = self.stack.values_at(pixels), self.undivided.raw_at(pixels)
+        division_factors = np.ones_like(raw)
         if self.undivided is not self.stack:
-            undivided = ImageStack.values_at(self.undivided, pixels)
-            is_known = undivided * undivided > MIN_SQUARED_SNR * a
-            np.divide(values, undivided, out=divided_shares, where=is_known)
-        variances = np.square(gains * divided_shares) * (
+            undivided = self.undivided.values_at(pixels)
+            is_above_noise = undivided * undivided > MIN_SQUARED_SNR * a
+            np.divide(values, undivided, out=division_factors, where=is_above_noise)
+        variances = np.square(gains * division_factors) * (
             a + b * np.maximum(raw - black, np.float32(0.0))
         )
         return values * gains, variances
@@ -161,53 +165,54 @@ def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
     surface, lighting = solution.surface, solution.surface.lighting
     assert lighting is not None
     shape, directions = surface.shape, lighting.directions.astype(np.float32)
-    lights, pinv = len(directions), np.linalg.pinv(directions).astype(np.float32)
+    light_count, pinv = len(directions), np.linalg.pinv(directions).astype(np.float32)
     pixels = sample_pixels(shape, _SAMPLES)
     # Number of samples in the first sampled row.
     columns = int(np.count_nonzero(pixels < pixels[0] // shape[1] * shape[1] + shape[1]))
     rows = len(pixels) // columns
-    if lights < 4:
+    if light_count < 4:
         return np.zeros((rows, columns), np.float32), np.zeros(POWERS)
     values, variances = solution.at(pixels)
     p, q = surface.p.ravel()[pixels], surface.q.ravel()[pixels]
-    bright = surface.valid.ravel()[pixels]
+    is_unshadowed = surface.valid.ravel()[pixels]
     if surface.repaired is not None:
-        bright &= ~surface.repaired.ravel()[pixels]
-    bright &= values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
+        is_unshadowed &= ~surface.repaired.ravel()[pixels]
+    is_unshadowed &= values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
     all_used = surface.dropped.ravel()[pixels] == NO_DROPPED_LIGHT
-    lit = bright & all_used if all_used.any() else bright
-    remainder: FloatMap = np.eye(lights, dtype=np.float32) - directions @ pinv
-    residuals = remainder @ values
-    expected = np.diag(remainder) @ variances
+    # Local means are of pixels that were solved from all lights, if there are any.
+    is_averaged = is_unshadowed & all_used if all_used.any() else is_unshadowed
+    residual_projector: FloatMap = np.eye(light_count, dtype=np.float32) - directions @ pinv
+    residuals = residual_projector @ values
+    noise_square = np.diag(residual_projector) @ variances  # expected sum of squared residuals
     x, y = middle_px(shape[1])[pixels % shape[1]], -middle_px(shape[0])[pixels // shape[1]]
     positions = np.stack([x, y, np.zeros_like(x)])
     inverse_distances = Shear.of(lighting).inverse_distances[:, None, None]
     light_vectors = directions[:, :, None] - inverse_distances * positions
-    scale = surface.albedo.ravel()[pixels] / np.sqrt(np.float32(1.0) + p * p + q * q)
+    b_z = surface.albedo.ravel()[pixels] / np.sqrt(np.float32(1.0) + p * p + q * q)
     # Gloss biases the solved slopes, so that the first lobes are too weak: fit them again at the
     # slopes without them.
     for _ in range(2):
         lobes = _lobes(light_vectors, p, q)
-        strengths = _strengths(remainder @ lobes, residuals, bright / expected)
+        strengths = _strengths(residual_projector @ lobes, residuals, is_unshadowed / noise_square)
         lobe = np.tensordot(strengths.astype(np.float32), lobes, 1)
         if not strengths.any():
             break
-        x, y, z = pinv @ lobe
-        z = np.maximum(scale - z, np.float32(0.1) * scale + np.float32(1e-6))
-        p, q = (scale * p + x) / z, (scale * q + y) / z
-    excess = np.square(residuals - remainder @ lobe).sum(axis=0) - expected
-    # Larger residuals, as at an edge, count in their own pixel only: see `propagate_errors`.
-    usual = max(float(np.median(excess[lit])), 0.0) if lit.any() else 0.0
-    excess = np.minimum(excess, PIXEL_OUTLIER * (expected + usual))
+        lobe_x, lobe_y, lobe_z = pinv @ lobe
+        matt_z = np.maximum(b_z - lobe_z, _MIN_MATT_SHARE * b_z + np.float32(1e-6))
+        p, q = (b_z * p + lobe_x) / matt_z, (b_z * q + lobe_y) / matt_z
+    excess = np.square(residuals - residual_projector @ lobe).sum(axis=0) - noise_square
+    median_excess = max(float(np.median(excess[is_averaged])), 0.0) if is_averaged.any() else 0.0
+    # An excess above this limit, as at an edge, counts in its own pixel only: `propagate_errors`.
+    excess = np.minimum(excess, PIXEL_OUTLIER * (noise_square + median_excess))
     brightness = values.mean(axis=0)
 
     def local_mean(quantity: FloatMap) -> FloatMap:
-        plane = (lit * quantity).reshape(rows, columns)
+        plane = (is_averaged * quantity).reshape(rows, columns)
         blurred = cv2.GaussianBlur(plane, (0, 0), _BLUR_STEPS, borderType=cv2.BORDER_REFLECT)
         return np.asarray(blurred + _FRAME_WEIGHT * plane.mean(), np.float32)
 
-    significant_excess = local_mean(excess) - _VARIANCE_ERROR * local_mean(expected)
-    model_error_variance = np.maximum(significant_excess, 0.0) / (lights - 3)
+    significant_excess = local_mean(excess) - _VARIANCE_ERROR * local_mean(noise_square)
+    model_error_variance = np.maximum(significant_excess, 0.0) / (light_count - 3)
     squared_brightness = np.maximum(local_mean(brightness**2), _TINY)
     return (model_error_variance / squared_brightness).astype(np.float32), strengths
 
@@ -231,11 +236,11 @@ def _strengths(shapes: Array, residuals: Array, weights: Array) -> Floats:
     """Fit the likeliest lobes of `shapes` (powers, N, n) to residuals; 0 if not significant."""
     products = (weights * (shapes * residuals).sum(axis=1)).sum(axis=1)
     squares = (weights * np.square(shapes).sum(axis=1)).sum(axis=1)
-    gains = np.maximum(products, 0.0) ** 2 / np.maximum(squares, _TINY)
+    chi2_reductions = np.maximum(products, 0.0) ** 2 / np.maximum(squares, _TINY)
     strengths = np.zeros(POWERS)
-    if gains.max() > _SIGNIFICANT**2:
-        min_share = _AS_LIKELY if shapes.shape[1] == 4 else 1.0
-        likely = np.flatnonzero(gains >= min_share * gains.max())
+    if chi2_reductions.max() > _MIN_LOBE_SIGMAS**2:
+        min_share = _TIE_SHARE if shapes.shape[1] == 4 else 1.0
+        likely = np.flatnonzero(chi2_reductions >= min_share * chi2_reductions.max())
         # The sharper half and the middle one: broad lobes look like matt shading.
         chosen = likely[(len(likely) - 1) // 2 :]
         strengths[chosen] = products[chosen] / squares[chosen] / len(chosen)
