@@ -1,8 +1,9 @@
 """Signals that end a command: SIGINT, SIGTERM, and on POSIX SIGHUP and SIGQUIT.
 
 In a command the first one raises KeyboardInterrupt in the main thread, so that LEDs go out and
-temporary files are removed. Further ones are ignored for five seconds. Before and after a command,
-and during an import, a signal ends the process at once; the controller's watchdog puts LEDs out.
+temporary files are removed. Further ones are ignored for five seconds; after that, one ends the
+process at once. So does a signal before or after a command, or during an import: then the
+controller's watchdog puts LEDs out.
 
 This module imports little, because a signal before `install_handlers` ends in a traceback.
 """
@@ -29,8 +30,9 @@ INTERRUPTED_LINE = "ps4rig: interrupted"
 # Time for a command to clean up undisturbed. It covers the time-outs of a controller that no longer
 # answers (rig.toml's defaults).
 _CLEANUP_S = 5.0
-# Callbacks by which llvmlite reports compiled code; ctypes swallows every exception in them.
-_CALLBACKS = "_raw_object_cache_"
+# Prefix of llvmlite's callbacks for compiled code. ctypes swallows every exception in them, so the
+# signal is raised again after `_AFTER_CALLBACK_S`.
+_CALLBACK_PREFIX = "_raw_object_cache_"
 _AFTER_CALLBACK_S = 0.01
 
 _is_in_command = False
@@ -42,7 +44,7 @@ def install_handlers() -> None:
     for number in _ENDING:
         if signal.getsignal(number) not in (signal.SIG_IGN, None):
             signal.signal(number, _handle)
-            # After the last thread Python drops its handlers: a signal would change the status.
+            # At exit Python restores the default actions: a late signal would replace the status.
             atexit.register(signal.signal, number, signal.SIG_IGN)
 
 
@@ -64,11 +66,12 @@ def _handle(number: int, frame: FrameType | None) -> None:
         return
     # Some modules catch every exception while they are imported.
     is_in_import = any(code.co_filename.startswith("<frozen importlib") for code in running)
-    if _cleanup_ends_s or not _is_in_command or is_in_import:
+    is_after_cleanup = _cleanup_ends_s > 0.0
+    if is_after_cleanup or not _is_in_command or is_in_import:
         with suppress(OSError):
             os.write(2, f"{INTERRUPTED_LINE}\n".encode())
         os._exit(INTERRUPTED_STATUS)
-    if any(code.co_name.startswith(_CALLBACKS) for code in running):
+    if any(code.co_name.startswith(_CALLBACK_PREFIX) for code in running):
         threading.Timer(_AFTER_CALLBACK_S, signal.raise_signal, (number,)).start()
         return
     _cleanup_ends_s = now_s + _CLEANUP_S

@@ -106,14 +106,15 @@ def _sync(path: Path, flags: int) -> None:
 def durable_folder(folder: Path, names: Collection[str], marker: str) -> Iterator[Path]:
     """Yield a temporary folder whose files replace those called `names` in `folder`.
 
-    They do if the block ends without an error. A folder with the file `marker` is complete.
+    The files are moved if the block ends without an error. The file `marker` is removed first and
+    moved last: a folder that has it is complete.
     """
     folder = folder.resolve()
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{folder}: cannot be made: File exists")
     make_folder(folder.parent)
     is_new = not folder.exists()
-    # Inside a folder that exists, which may be a mount point.
+    # Inside an existing folder: it may be a mount point, and no rename crosses file systems.
     with temporary_path(folder.parent if is_new else folder, folder, is_folder=True) as temporary:
         yield temporary
         for path in (*temporary.iterdir(), temporary):

@@ -72,6 +72,7 @@ class _Workers:
         self._long: deque[Task[Any]] = deque()
         self._short: deque[Task[Any]] = deque()
         self._is_ending = False
+        # The slice is empty for a thread that has no processor of its own.
         self._threads = [
             threading.Thread(
                 target=self._serve, args=processors[n : n + 1], name=f"worker {n}", daemon=True
@@ -218,10 +219,13 @@ def map_in_threads(function: Callable[[_Item], _Result], items: Sequence[_Item])
 
 
 def in_background(work: Callable[[], _Result], *, is_long: bool = False) -> Callable[[], _Result]:
-    """Start `work` in another thread; return a function that waits for its result."""
+    """Start `work` in another thread; return a function that waits for its result.
+
+    Work that is not long must not wait for the result of another `in_background`.
+    """
     # If no thread has started `work`, the waiting caller runs it; otherwise it runs other tasks
-    # that are not long. Such a task must not itself wait for the result of another `in_background`:
-    # that work may be suspended further down the same stack, which is a deadlock.
+    # that are not long. If one of these waited, its result could be that of work which is suspended
+    # further down the same stack: a deadlock.
     if thread_count() == 1:
         return work
     workers = _kept_workers()
