@@ -1,4 +1,4 @@
-"""`Inspector`: from the captured set of a part to its verdict, without files."""
+"""`Inspector`: judge the captured set of a part by a recipe; files are read only to load it."""
 
 import math
 import time
@@ -44,18 +44,19 @@ from .fingerprint import Fingerprint
 from .judge import Finding, Measures, validity_findings, verdict_of
 from .measured_surface import MeasuredSurface, fits
 
-# Parts of a calibration that together depend on the whole setting: pixel values and exposure, and
-# the lights.
+# `Setting.differences` compares what a part of a calibration depends on: dark depends on pixel
+# values and exposure, flat_field on the lights. Together they cover the whole setting.
 _WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _MATCH_FIELDS = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
 _LIMITED_MEASURES = tuple(measure.name for measure in fields(LimitedMeasures))
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MAX_DEFECTS = 50
-# Number of regions of windows of a kind; there are few, because windows overlap.
-_MAX_WINDOWS = 10
+# Largest number of listed regions of each kind of window, seam and window. Windows that overlap are
+# one region, so there are few.
+_MAX_WINDOW_REGIONS = 10
 # test_weak_led.py: a share of 2 % is measured as 2.0 %, and 0 without any.
 _WARN_WHILE_OFF = 0.02
-COLLECTS = "this run collects parts for teaching and judges none"
+COLLECTING_REASON = "this run collects parts for teaching and judges none"
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,10 +65,11 @@ class Inspection:
 
     verdict: Verdict
     measures: Measures = field(default_factory=Measures)
-    defect_map: DefectMap | None = None  # None for a part whose nearest texture does not pass
-    # Of the map, largest score first, then boxes of windows, in px of the whole image.
+    defect_map: DefectMap | None = None  # None if the nearest texture is not one that passes
+    # First the defects of the map, largest score first, then boxes of windows. All coordinates are
+    # px of the whole image.
     defects: tuple[DefectRecord, ...] = ()
-    # As `PartResult.led_levels`; empty if not measured.
+    # As `PartResult.led_levels`, not `Measures.led_levels`; empty if not measured.
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
 
@@ -102,11 +104,12 @@ class _StartedInspection:
     def has_images_of(self, captured: CapturedSet) -> bool:
         """Whether a set that has passed its checks has these images."""
         unchecked = self.unchecked
+        # The lighting differs if the checks corrected the level of a weak LED.
         return (
             captured.images is unchecked.images
             and captured.ambient is unchecked.ambient
             and captured.mask is unchecked.mask
-            and captured.metadata.lighting == unchecked.metadata.lighting  # else a LED is weak
+            and captured.metadata.lighting == unchecked.metadata.lighting
         )
 
 
@@ -127,19 +130,19 @@ class Inspector:
         self._models = models
         self.calibration = calibration
         self._started: _StartedInspection | None = None
-        self._signals = {
+        self._taught_signals = {
             texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
         }
         self.fingerprint = Fingerprint.of(recipe, taught, calibration)
 
     @classmethod
     def load(cls, files: RecipeFolder, calibration: str | Path | None = None) -> Self:
-        """Load a recipe with all that teaching made for it, and the calibration of the rig."""
+        """Load a recipe file, its library and models, and the calibration of the rig."""
         return cls.of(read_recipe(files.file), files, calibration)
 
     @classmethod
     def of(cls, recipe: Recipe, files: RecipeFolder, calibration: str | Path | None = None) -> Self:
-        """Load what teaching made for a recipe that was read."""
+        """Load the library and models of a recipe that is in memory."""
         version = files.version(recipe.version)
         taught = taught_for(recipe, files)
         models = {name: models_of(version, recipe, taught, name) for name in recipe.passes}
@@ -154,7 +157,7 @@ class Inspector:
         return Inspector(self.recipe, self._taught, self._library, self._models, calibration)
 
     def has_direction(self, texture: str) -> bool:
-        """Whether a texture has a direction, so that a rotated piece in it is detected."""
+        """Whether a texture has a direction, so that windows rotated by 90 degrees are detected."""
         return self._models[texture].pieces.has_direction
 
     def begin(self, unchecked: CapturedSet) -> None:
@@ -165,7 +168,7 @@ class Inspector:
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part; a set that cannot be judged gets the verdict ERROR.
 
-        The caller gives that verdict for an exception.
+        Exceptions are not caught here: `PartJudge` gives the verdict ERROR for them.
         """
         started = self._started
         if started is not None and started.has_images_of(captured):
@@ -173,7 +176,7 @@ class Inspector:
         return self._inspection(captured)
 
     @property
-    def _limits_angle_sd(self) -> bool:
+    def _has_angle_sd_limit(self) -> bool:
         all_limits = (self.recipe.limits, *self.recipe.limits_of.values())
         return any(limits.angle_sd is not None for limits in all_limits)
 
@@ -188,7 +191,7 @@ class Inspector:
                 self.recipe.region,
                 self.calibration,
                 self._library.method,
-                uncertainty=self._limits_angle_sd,
+                uncertainty=self._has_angle_sd_limit,
             )
             measures = Measures(
                 unmeasured_fraction=measured.unmeasured_fraction,
@@ -205,8 +208,9 @@ class Inspector:
                 fields = in_background(partial(part_fields, measured.surface))
                 moments = in_background(partial(band_moments, measured.surface))
                 signature = self._library.observe(measured.surface)
-                # Not `classify`, which warns of a surface solved otherwise than the library: a
-                # calibration may have a flat field where that of teaching had none.
+                # `classify` would warn if the surface was solved with other corrections than the
+                # library. That is allowed: this calibration may have a flat field that the one used
+                # for teaching lacked.
                 measures = replace(
                     measures, match=self._library.match_surface(measured.surface, signature)
                 )
@@ -234,7 +238,9 @@ class Inspector:
                     if hasattr(pieces, name)
                 }
                 measures = replace(measures, **piece_measures)
-        taught = self._signals.get(texture, np.mean([*self._signals.values()], axis=0))
+        taught = self._taught_signals.get(
+            texture, np.mean([*self._taught_signals.values()], axis=0)
+        )
         levels = tuple((np.array(measured.light_signals) / taught).tolist())
         verdict = verdict_of(self.recipe, measures)
         return Inspection(verdict, measures, defect_map, defects, levels, timings_ms)
@@ -262,7 +268,7 @@ class Inspector:
             scores = scores / np.float32(1.0 if limit is None else limit)
             above = (scores > 1.0).astype(np.uint8)
             count, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
-            for label in range(1, min(count, _MAX_WINDOWS + 1)):
+            for label in range(1, min(count, _MAX_WINDOW_REGIONS + 1)):
                 x, y, width, height, cells = (int(value) for value in boxes[label])
                 yield DefectRecord(
                     kind,
@@ -322,10 +328,12 @@ class Inspector:
     def _relative_levels(
         self, captured: CapturedSet, signals: tuple[float, ...]
     ) -> tuple[tuple[str, float], ...]:
-        """Level of each LED relative to the brightest, as a share of the taught ratio."""
-        # The albedo cancels in this ratio.
-        taught = np.mean([signals / signals.mean() for signals in self._signals.values()], axis=0)
-        ratios = np.array(signals) / taught
+        """Level of each LED, signal over taught share, relative to the brightest."""
+        # The albedo scales all signals alike, so it cancels.
+        taught_shares = np.mean(
+            [taught / taught.mean() for taught in self._taught_signals.values()], axis=0
+        )
+        ratios = np.array(signals) / taught_shares
         brightest = ratios.max()
         levels = ratios / brightest if brightest > 0.0 else np.zeros_like(ratios)
         return tuple(zip(led_names(captured.lighting.tilts_deg), levels.tolist(), strict=True))
@@ -374,7 +382,7 @@ def _timed(timings_ms: dict[str, float], step: str) -> Iterator[None]:
 
 
 class Collector:
-    """Gives every part the verdict UNKNOWN: no part of such a run may pass."""
+    """Replaces the inspector while parts are collected for teaching: all are UNKNOWN."""
 
     def __init__(self, recipe: Recipe, calibration: FoundCalibration | None = None) -> None:
         self.recipe, self.calibration = recipe, calibration
@@ -388,4 +396,4 @@ class Collector:
 
     def inspect(self, captured: CapturedSet) -> Inspection:  # noqa: ARG002 - as an inspector
         """Judge nothing."""
-        return Inspection(Verdict(Decision.UNKNOWN, COLLECTS, (Cause.COLLECTED,)))
+        return Inspection(Verdict(Decision.UNKNOWN, COLLECTING_REASON, (Cause.COLLECTED,)))

@@ -65,7 +65,7 @@ class PartResult(LimitedMeasures):
     margin: float | None = None
     blur_px: float | None = None
     defects: tuple[DefectRecord, ...] = ()  # largest score first; those of windows last
-    # Of each light: its level relative to the brightest, as a share of the taught ratio.
+    # Of each light: its signal as a share of the taught signal. The albedo changes all alike.
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from capture.station.domain.folder import StationFolder
-from capture.station.judge.inspector import COLLECTS
+from capture.station.judge.inspector import COLLECTING_REASON
 from capture.station.results.store import ResultStore, open_store
 from rig import RigConfig
 from rig.doctor.check import Check, run_checks
@@ -51,7 +51,7 @@ def run_station(
     with open_store(results, config.name, create=not folder.has_sets()) as store:
         require_own_sets(folder, store)
         if options.is_collecting:
-            warn(COLLECTS)
+            warn(COLLECTING_REASON)
             first = loader.collecting()
         else:
             first = loader.first(store, warn)

@@ -11,7 +11,7 @@ from capture.station.domain.folder import StationFolder, make_station, station_f
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.verdict import Decision
-from capture.station.judge.inspector import COLLECTS
+from capture.station.judge.inspector import COLLECTING_REASON
 from capture.station.run.events import (
     PartAnnounced,
     RecipeLoaded,
@@ -36,7 +36,7 @@ def test_a_station_without_a_recipe_collects_parts_and_passes_none(tmp_path: Pat
     events = collected(folder, 2)
     results = [each.result for each in events if isinstance(each, PartAnnounced)]
     assert [(each.verdict.decision, each.verdict.reason) for each in results] == 2 * [
-        (Decision.UNKNOWN, COLLECTS)
+        (Decision.UNKNOWN, COLLECTING_REASON)
     ]
     assert all(each.recipe is each.recipe_sha256 is None for each in results)
     assert not any(isinstance(each, RecipeLoaded) for each in events)
