@@ -48,25 +48,25 @@ def dark(
 ) -> None:
     """Measure the camera with its lens covered: offset, noise and hot pixels; then ambient light.
 
-    They hold for the exposure at which they were measured. Another exposure is added; then they
-    hold between the shortest and the longest one.
+    The results hold for the exposure of the measurement. Run the command again at another exposure
+    to extend them: they then hold from the shortest to the longest one.
     """
     if (rig is None) == (not sources):
         raise InputError("give --rig RIG, or --from IMG with photographs of the covered lens")
     file = flow.calibration_at(calibration, sources or ())
     if rig is None:
-        part = _dark_of_photographs(sources or [], gamma, bits)
+        part = _dark_part_from_photographs(sources or [], gamma, bits)
     else:
         from rig import open_rig
 
         if bits is not None or gamma is not None:
             raise InputError("--bits and --gamma are for photographs; leave them out with --rig")
         with open_rig(rig) as opened:
-            part = _dark_of_rig(opened, yes)
+            part = _dark_part_from_rig(opened, yes)
     flow.keep_parts(calibration, file, [part], replace=replace, json=json)
 
 
-def _dark_of_rig(rig: Rig, yes: bool) -> MeasuredPart:
+def _dark_part_from_rig(rig: Rig, yes: bool) -> MeasuredPart:
     from capture.acquisition.frame_series import dark_of_rig, frame_series, require_free_running
     from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import dark_part
@@ -87,11 +87,12 @@ def _dark_of_rig(rig: Rig, yes: bool) -> MeasuredPart:
         flow.ask("uncover the lens, with the room's light as for captures, then press Enter")
     # With --yes nobody uncovers the lens of a real camera, and ambient light is not measured.
     if placement is not None or not yes:
-        dark = with_ambient(dark, frame_series(rig, None, 1)[0], dark.full_scale)
+        [ambient] = frame_series(rig, None, 1)  # None: all LEDs off
+        dark = with_ambient(dark, ambient, dark.full_scale)
     return dark_part(measured, dark, Setting.of_rig(rig), ("captured",))
 
 
-def _dark_of_photographs(
+def _dark_part_from_photographs(
     sources: list[Path], gamma: Gamma | None, bits: int | None
 ) -> MeasuredPart:
     import numpy as np
@@ -125,7 +126,7 @@ def _dark_of_photographs(
     return dark_part(measured, dark, setting, [path.name for path in (*images, *set_paths)])
 
 
-_SHEET = flow.Target("a white matt sheet", "plate")
+_SHEET = flow.Target("a white matt sheet", surface="plate")
 
 
 @reports_errors

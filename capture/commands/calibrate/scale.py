@@ -47,8 +47,8 @@ def scale(
         typer.Option(
             min=1,
             max=12,
-            help="Placements of the board, one picture each. Four, three with different tilts and "
-            "one flat, show the focal length too.",
+            help="Placements of the board, one picture each. Four placements, one flat and three "
+            "at different tilts, also give the focal length.",
         ),
     ] = 1,
     replace: flow.Replace = False,
@@ -72,8 +72,8 @@ def scale(
         pictures, setting, source = _pictures_in_files(sources or ())
     else:
         pictures, setting, source = _pictures_at_rig(rig, square_mm, placements, yes)
-    measured_part = scale_part(pictures, corners, square_mm, setting, source)
-    flow.keep_parts(calibration, file, [measured_part], replace=replace, json=json)
+    calibration_part = scale_part(pictures, corners, square_mm, setting, source)
+    flow.keep_parts(calibration, file, [calibration_part], replace=replace, json=json)
 
 
 def _corners(text: str) -> tuple[int, int]:

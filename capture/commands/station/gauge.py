@@ -18,11 +18,12 @@ if TYPE_CHECKING:
     from capture.station.domain.recipe_folder import RecipeFolder
     from capture.station.judge.gauge.gauge import Presentation
 
-# Number of taught parts of each texture. Each is judged with every fault.
+# Largest number of taught parts per texture in the fault study. Each is judged with every simulated
+# fault.
 _FAULTY_PARTS = 10
 
 
-_Known = Annotated[
+_KnownPartsFile = Annotated[
     Path | None,
     typer.Option(
         help="CSV with lines ID,good and ID,bad: the known parts among the results of the "
@@ -32,18 +33,21 @@ _Known = Annotated[
     ),
 ]
 _Parts = Annotated[
-    int, typer.Option(min=2, max=10_000, help="Known parts of the simulated rig.", metavar="N")
+    int,
+    typer.Option(
+        min=2, max=10_000, help="Number of simulated parts, if --known is not given.", metavar="N"
+    ),
 ]
 _Times = Annotated[
-    int, typer.Option(min=1, max=1000, help="Presentations of each of them.", metavar="N")
+    int, typer.Option(min=1, max=1000, help="Presentations of each simulated part.", metavar="N")
 ]
-_Seed = Annotated[int, typer.Option(min=0, help="Seed of their placements.")]
+_Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulated placements.")]
 
 
 @reports_errors
 def gauge(
     folder: Station,
-    known: _Known = None,
+    known: _KnownPartsFile = None,
     parts: _Parts = 20,
     times: _Times = 3,
     seed: _Seed = 1,
@@ -52,10 +56,11 @@ def gauge(
     """Study the station as a gauge: known parts, each presented several times.
 
     The recipe is the one with which the next run begins. Effectiveness, misses and false alarms are
-    reported with exact bounds, and compared with the 90, 2 and 5 % of AIAG. Taught parts with
-    faults that nobody configured, as a hole or another scale, show from which strength on each is
-    found. The report is kept beside the recipe, for the panel. The exit status is 1 if the rating
-    is not acceptable.
+    reported with exact bounds, and compared with the limits of AIAG (Measurement Systems Analysis,
+    4th edition): 90, 2 and 5 %. Faults that nobody configured, such as a hole or another scale, are
+    simulated on taught parts: the report gives the smallest strength from which on each fault is
+    found. It is kept beside the recipe, for the panel. The exit status is 1 if the rating is not
+    acceptable.
     """
     from capture.station.domain.folder import StationFolder, first_recipe
     from capture.station.judge.gauge.fault_study import keep_study, study_faults
@@ -67,9 +72,9 @@ def gauge(
     station = StationFolder(folder)
     files = station.recipe_files(first_recipe(station))
     if known:
-        presentations, judged = _recorded(station, files.name, known)
+        presentations, source = _recorded_presentations(station, files.name, known)
     else:
-        presentations, judged = _presented(station, files, parts, times, seed)
+        presentations, source = _simulated_presentations(station, files, parts, times, seed)
     study = GaugeStudy(tuple(presentations))
     faults: list[str] = []
     if files.file.exists():  # results may be of a recipe that was removed
@@ -79,8 +84,8 @@ def gauge(
     report = GaugeReport.of(
         study,
         files.name,
-        judged.recipe_sha256,
-        simulated=judged.simulated,
+        source.recipe_sha256,
+        simulated=source.simulated,
         faults=faults,
     )
     make_folder(files.gauge.parent)
@@ -94,16 +99,17 @@ def gauge(
         raise typer.Exit(1)
 
 
-class _Judged(NamedTuple):
-    """What judged the parts of a study: a recipe, and a real or a simulated rig."""
+class _StudySource(NamedTuple):
+    """Recipe and kind of rig by which the parts of a study were judged."""
 
+    # None for recorded results: they may come from several states of the recipe.
     recipe_sha256: str | None
     simulated: bool
 
 
-def _presented(
+def _simulated_presentations(
     station: StationFolder, files: RecipeFolder, count: int, times: int, seed: int
-) -> tuple[Sequence[Presentation], _Judged]:
+) -> tuple[Sequence[Presentation], _StudySource]:
     from capture.station.judge.gauge.simulated_gauge import known_parts, present
     from capture.station.judge.inspector import Inspector
 
@@ -113,14 +119,14 @@ def _presented(
     parts = known_parts(
         station.config.simulated_parts, count, min(camera.width_px, camera.height_px)
     )
-    judged = present(parts, times, rig_config, inspector, seed)
-    presentations = list(progress(judged, count * times, "present"))
-    return presentations, _Judged(inspector.recipe.sha256, simulated=True)
+    presented = present(parts, times, rig_config, inspector, seed)
+    presentations = list(progress(presented, count * times, "present"))
+    return presentations, _StudySource(inspector.recipe.sha256, simulated=True)
 
 
-def _recorded(
+def _recorded_presentations(
     station: StationFolder, recipe: str, known: Path
-) -> tuple[Sequence[Presentation], _Judged]:
+) -> tuple[Sequence[Presentation], _StudySource]:
     """Return the presentations that a recipe judged: of production, or else of a simulated rig."""
     from capture.station.judge.gauge.gauge import presentations_of, read_known_parts
     from capture.station.results.history import Selection
@@ -129,6 +135,7 @@ def _recorded(
 
     truths = read_known_parts(known)
     config = station.config
+    # Not exclusive: a running station keeps the lock of the database.
     with open_store(config.results_in(station.path), config.name, exclusive=False) as store:
         for simulated in (False, True):
             # The verdicts of the station, not those of a person who overrode them.
@@ -136,7 +143,7 @@ def _recorded(
             recorded = ((entry.result.part_id, entry.result.verdict) for entry in entries)
             presentations = presentations_of(truths, recorded)
             if presentations:
-                return presentations, _Judged(None, simulated)
+                return presentations, _StudySource(None, simulated)
     raise InputError(
         f"{known}: none of its {len(truths)} parts was judged by recipe {recipe}; present them to "
         "ps4rig station run --trigger enter, and enter their ids"
@@ -152,8 +159,8 @@ def bench(
 ) -> None:
     """Measure how fast this machine judges parts, and whether memory grows.
 
-    The cycle, the judge, the files and the results are those of a station; the sets are captured
-    before. They are written to the folder for temporary files, TMPDIR.
+    The cycle, judge, files and database are those of a station; the sets are captured before it
+    starts. All files are written to the folder for temporary files, TMPDIR.
     """
     from pathlib import Path
     from tempfile import TemporaryDirectory
