@@ -53,7 +53,7 @@ class Separation:
     limits: Floats  # (C,) distance beyond which a part is not the texture of a specimen
     dissimilarities: Floats  # (C, C) of the specimens
     tree: Dendrogram
-    places: Floats  # (n, 2) of the sets in a plane
+    map_positions: Floats  # (n, 2) of the sets, by landmark multidimensional scaling
 
 
 @dataclass(frozen=True, eq=False)

@@ -24,7 +24,9 @@ from .folder import SessionFolder
 from .journal import SetEntry
 from .report_analysis import Separation, SessionAnalysis, SpecimenResult
 
-_MARKS = "osD^v<>Ph*"
+_MARKERS = "osD^v<>Ph*"
+# 10 markers and 8 colours repeat together after lcm(10, 8) = 40 curves.
+_MAX_LEGEND_ENTRIES = 40
 
 
 def _levels_figure(entries: Sequence[SetEntry]) -> str:
@@ -66,8 +68,8 @@ def _orientations_figure(entries: Sequence[SetEntry]) -> str:
         ]
         if points:
             axes.plot(
-                *zip(*points, strict=True), _mark(number), markersize=4, color=curve_colour(number),
-                label=specimen,
+                *zip(*points, strict=True), _marker(number), markersize=4,
+                color=curve_colour(number), label=specimen,
             )  # fmt: skip
     axes.axhline(0.0, color=GRID, zorder=0)
     axes.set_xlabel("entered, degrees")
@@ -87,7 +89,7 @@ def _orientation_error_deg(entry: SetEntry) -> float | None:
 
 def _matrix_figure(separation: Separation) -> str:
     """Draw the dissimilarities of the specimens, in the order of their dendrogram."""
-    figure, axes = chart_axes(_height_in(separation))
+    figure, axes = chart_axes(_figure_height_inches(separation))
     axes.grid(visible=False)
     order = separation.tree.order
     image = axes.imshow(separation.dissimilarities[np.ix_(order, order)], cmap="viridis")
@@ -100,7 +102,7 @@ def _matrix_figure(separation: Separation) -> str:
 
 def _tree_figure(separation: Separation) -> str:
     """Draw the dendrogram of the specimens."""
-    figure, axes = chart_axes(_height_in(separation))
+    figure, axes = chart_axes(_figure_height_inches(separation))
     axes.grid(visible=False)
     for branch in separation.tree.branches:
         axes.plot(branch[:, 0], branch[:, 1], color=curve_colour(0), linewidth=1.0)
@@ -117,18 +119,18 @@ def _names_in_order(separation: Separation) -> list[str]:
     return [separation.specimens[index] for index in separation.tree.order]
 
 
-def _height_in(separation: Separation) -> float:
-    """Height with a line of text for each specimen."""
+def _figure_height_inches(separation: Separation) -> float:
+    """Figure height with a line of text for each specimen."""
     return max(3.6, 0.16 * len(separation.specimens))
 
 
 def _map_figure(separation: Separation) -> str:
-    """Draw all sets in a plane in which near sets look alike."""
+    """Draw the sets at their `map_positions`: sets that look alike lie near each other."""
     figure, axes = chart_axes(3.6)
     for number, specimen in enumerate(separation.specimens):
         of_specimen = [entry.piece == specimen for entry in separation.entries]
         axes.plot(
-            *separation.places[of_specimen].T, _mark(number), markersize=5,
+            *separation.map_positions[of_specimen].T, _marker(number), markersize=5,
             color=curve_colour(number), label=specimen, alpha=0.8,
         )  # fmt: skip
     axes.set_aspect("equal", adjustable="datalim")
@@ -152,13 +154,13 @@ def _spectrum_figure(spectra: Spectra) -> str:
 
 def _legend(figure: Figure, axes: Axes) -> None:
     handles, _ = axes.get_legend_handles_labels()
-    if 0 < len(handles) <= 40:
+    if 0 < len(handles) <= _MAX_LEGEND_ENTRIES:
         figure.legend(fontsize=LETTERS_PT, loc="outside lower center", ncols=4, frameon=False)
 
 
-def _mark(number: int) -> str:
-    """Return a mark: with the colours it tells 40 specimens apart."""
-    return _MARKS[number % len(_MARKS)]
+def _marker(number: int) -> str:
+    """Return the marker of a specimen; see `_MAX_LEGEND_ENTRIES`."""
+    return _MARKERS[number % len(_MARKERS)]
 
 
 def report_page(folder: SessionFolder, analysis: SessionAnalysis) -> str:

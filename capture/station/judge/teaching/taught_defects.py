@@ -31,7 +31,9 @@ def teach_defects(
     """Learn from the good parts of one texture."""
     named, texture = classifier_named(library.classifier), good[0].kept_set.texture
     orientations_deg = [
-        library.match(named.signature(part.test, library.parameters)).orientation_deg
+        library.match(
+            named.signature(part.matching_observation, library.parameters)
+        ).orientation_deg
         for part in good
     ]
     marks = FixedMarks()

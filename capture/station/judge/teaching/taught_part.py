@@ -29,8 +29,9 @@ class TaughtPart:
     kept_set: KeptSet
     setting: Setting
     has_calibration: bool
-    row: TrainingRow  # observations for training
-    test: Observation  # observations for matching
+    # A classifier may observe a surface otherwise for training than for matching.
+    training_row: TrainingRow
+    matching_observation: Observation
     # Observations of the texture scaled by 1 - SCALE_STEP and 1 + SCALE_STEP.
     scaled: tuple[Observation, ...]
     moments: FloatMap  # result of `band_moments`
@@ -61,7 +62,7 @@ def taught_part(kept_set: KeptSet, region: Region | None) -> TaughtPart:
         segment_px = segment_for(surface.shape)
         observation = observe(surface, segment_px)
         classifier = classifier_named(DEFAULT_CLASSIFIER)
-        test = classifier.observe(surface, segment_px)
+        matching_observation = classifier.observe(surface, segment_px)
         scaled = tuple(
             classifier.observe(scaled_surface(surface, 1.0 + step), segment_px)
             for step in (-SCALE_STEP, SCALE_STEP)
@@ -73,8 +74,8 @@ def taught_part(kept_set: KeptSet, region: Region | None) -> TaughtPart:
         kept_set=kept_set,
         setting=loaded.captured.setting,
         has_calibration=loaded.found_calibration is not None,
-        row=TrainingRow(kept_set.texture, observation, metadata.orientation_deg),
-        test=test,
+        training_row=TrainingRow(kept_set.texture, observation, metadata.orientation_deg),
+        matching_observation=matching_observation,
         scaled=scaled,
         moments=moments,
         segment_px=segment_px,

@@ -178,7 +178,11 @@ def _taught(
     library = _library(parts)
     library.save(version.library)
     segment_px = library.segment_px
-    matches = leave_one_out([part.row for part in parts], [part.test for part in parts], segment_px)
+    matches = leave_one_out(
+        [part.training_row for part in parts],
+        [part.matching_observation for part in parts],
+        segment_px,
+    )
     good = {
         name: [part for part in parts if part.kept_set.texture == name] for name in recipe.passes
     }
@@ -257,7 +261,7 @@ def _blind_spots(models: Mapping[str, TextureModels]) -> Iterator[str]:
 
 def _library(parts: Sequence[TaughtPart]) -> TextureLibrary:
     return TextureLibrary.from_observations(
-        [part.row for part in parts],
+        [part.training_row for part in parts],
         parts[0].segment_px,
         lighting=common_lighting([part.lighting for part in parts]),
         method=default_method(len(parts[0].light_signals)),
@@ -277,7 +281,7 @@ def _piece_model(parts: Sequence[TaughtPart], library: TextureLibrary) -> PieceM
 
     good, changes = [], []
     for part in parts:
-        signature = classifier.signature(part.test, library.parameters)
+        signature = classifier.signature(part.matching_observation, library.parameters)
         levels = ring_levels(signature)
         good.append(GoodPart(part.moments, library.match(signature).orientation_deg, levels))
         changes += [

@@ -27,7 +27,10 @@ def require_one_texture(parts: Sequence[TaughtPart]) -> None:
     """Check that sets without a label look alike."""
     if len(parts) < 2:
         return
-    rows, tests = [part.row for part in parts], [part.test for part in parts]
+    rows, tests = (
+        [part.training_row for part in parts],
+        [part.matching_observation for part in parts],
+    )
     groups = texture_groups(rows, tests, parts[0].segment_px, _GROUP_DISTANCE)
     firsts = [groups.index(group) for group in sorted(set(groups))]
     if len(firsts) > 1:

@@ -54,72 +54,73 @@ def part_view(folder: StationFolder, result: PartResult, path: Path) -> PartView
     captured = loaded.captured
     if captured.metadata.pixels_sha256 != result.set_sha256:
         raise InputError(f"{path}: is another set than the one that was judged")
-    judged: JudgedBy | None = None
+    judge: JudgedBy | None = None
     region: Region | None = None
     try:
-        judged = judged_by(folder, result)
-        region = judged.recipe.region
+        judge = judged_by(folder, result)
+        region = judge.recipe.region
     except InputError as error:
         notes.append(f"the whole frame is shown, solved by the default method: {error}")
     frame = captured.images.shape[1:]
+    # A part whose images are smaller than the region has the verdict ERROR.
     if not fits(region, frame):
         region = None
-    method = None if judged is None else judged.method
+    method = None if judge is None else judge.method
     measured = MeasuredSurface.of(captured, region, loaded.found_calibration, method)
-    scores = _scores(judged, measured, result)
-    outlines = _outlines(scores, region, result.defects)
+    scaled_map = _scaled_defect_map(judge, measured, result)
+    outlines = _outlines(scaled_map, region, result.defects)
     if result.defects and outlines is None:
         notes.append("the defects are boxes: their outlines cannot be made again")
     surface = measured.surface
 
-    def placed(part: npt.NDArray[Any], outside: float = 0.0) -> npt.NDArray[Any]:
+    def in_frame(region_map: npt.NDArray[Any], outside: float = 0.0) -> npt.NDArray[Any]:
         if region is None:
-            return part
-        whole = np.full((*frame, *part.shape[2:]), outside, part.dtype)
-        whole[region.y : region.y + region.height, region.x : region.x + region.width] = part
+            return region_map
+        whole = np.full((*frame, *region_map.shape[2:]), outside, region_map.dtype)
+        whole[region.y : region.y + region.height, region.x : region.x + region.width] = region_map
         return whole
 
     return PartView(
         captured=captured,
         region=region,
-        normals=placed(surface.normals),
-        albedo=placed(surface.albedo),
-        shadow_count=placed(surface.shadow_count),
-        valid=placed(surface.valid),
-        score=None if scores is None else placed(_in_pixels(scores), np.nan),
+        normals=in_frame(surface.normals),
+        albedo=in_frame(surface.albedo),
+        shadow_count=in_frame(surface.shadow_count),
+        valid=in_frame(surface.valid),
+        score=None if scaled_map is None else in_frame(_score_per_pixel(scaled_map), np.nan),
         outlines=tuple(map(_box, result.defects)) if outlines is None else outlines,
         notes=tuple(notes),
     )
 
 
-def _scores(
-    judged: JudgedBy | None, measured: MeasuredSurface, result: PartResult
+def _scaled_defect_map(
+    judge: JudgedBy | None, measured: MeasuredSurface, result: PartResult
 ) -> DefectMap | None:
     """The defect map of a part, in units of the limit of its recipe."""
-    if judged is None or judged.defect_model is None or result.orientation_deg is None:
+    if judge is None or judge.defect_model is None or result.orientation_deg is None:
         return None
-    defect_map = judged.defect_model.map_of(measured.surface, result.orientation_deg)
+    defect_map = judge.defect_model.map_of(measured.surface, result.orientation_deg)
     return defect_map.in_units_of(
-        judged.recipe.limits_for(result.label or result.nearest or "").defect
+        judge.recipe.limits_for(result.label or result.nearest or "").defect
     )
 
 
-def _in_pixels(scores: DefectMap) -> FloatMap:
-    cell, (rows, columns) = scores.cell_px, scores.shape
-    whole: FloatMap = scores.score.repeat(cell, axis=0).repeat(cell, axis=1)[:rows, :columns]
+def _score_per_pixel(scaled_map: DefectMap) -> FloatMap:
+    cell, (rows, columns) = scaled_map.cell_px, scaled_map.shape
+    whole: FloatMap = scaled_map.score.repeat(cell, axis=0).repeat(cell, axis=1)[:rows, :columns]
     return whole
 
 
 def _outlines(
-    scores: DefectMap | None, region: Region | None, defects: Sequence[DefectRecord]
+    scaled_map: DefectMap | None, region: Region | None, defects: Sequence[DefectRecord]
 ) -> tuple[Outline, ...] | None:
     """Outline recorded defects, then windows; None if the map shows other defects than these."""
-    if scores is None:
+    if scaled_map is None:
         return None
     left, top = (0, 0) if region is None else (region.x, region.y)
     windows = [defect for defect in defects if defect.kind not in KINDS]
     defects = [defect for defect in defects if defect.kind in KINDS]
-    regions = regions_of(scores)[: len(defects)]
+    regions = regions_of(scaled_map)[: len(defects)]
     boxes = [(left + x, top + y, width, height) for x, y, width, height in
              (region.box for region in regions)]  # fmt: skip
     if boxes != [(defect.column, defect.row, defect.width, defect.height) for defect in defects]:

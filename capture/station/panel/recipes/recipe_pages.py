@@ -242,7 +242,7 @@ def _settings_page(
 
 @router.post(f"{_NAME}/settings")
 def _save_settings_page(call: ByEngineer, name: Name) -> Response:
-    """Save the settings: a state that nobody approved."""
+    """Save the settings; the changed recipe is not approved."""
     changes, seen = known_changes_of(call, name), call.text("sha256")
     recipe = read_recipe(changes.files.file)
     try:

@@ -23,7 +23,7 @@ MAX_CHOSEN_PARTS = 300
 def start_teaching(
     panel: Panel, changes: RecipeChanges, part_ids: Sequence[str], texture: str, *, is_good: bool
 ) -> Job:
-    """Start to teach parts, or the known ones again if none is given."""
+    """Start to teach parts; if none is given, teach those again that were taught before."""
     paths = _sets(panel, part_ids)
     if paths:
         texture = checked_label(texture)

@@ -29,14 +29,14 @@ from .recipe_pages import changes_of, known_changes_of, load_recipe, recipe_name
 from .recipe_work import MAX_CHOSEN_PARTS, add_parts_to_challenge, start_replay, start_teaching
 
 router = APIRouter(prefix=V1)
-_ONE, _JOB = "/recipes/{name}", f"{V1}/job"
+_RECIPE_PATH, _JOB_URL = "/recipes/{name}", f"{V1}/job"
 _PartIds = Annotated[list[str], Field(max_length=MAX_CHOSEN_PARTS, description="ids of parts")]
 _Recipe = answer(
     "Recipe",
     **{key: (field.annotation, field) for key, field in Recipe.model_fields.items()},
     sha256=Sha256,
 )
-_Now = answer(
+_RecipeStatus = answer(
     "RecipeNow",
     _Recipe,
     is_approved=bool,
@@ -60,13 +60,16 @@ _Challenge = answer(
 
 
 class SeenRecipe(Record):
-    """A recipe as somebody saw it; a change of it meanwhile is refused."""
+    """Hash of the recipe as the client read it; to roll back, of the state to restore.
+
+    Settings and approvals are refused if the recipe has changed since.
+    """
 
     sha256: Sha256
 
 
 class LoadFields(Record):
-    """The recipe as somebody saw it; without its hash, the present one."""
+    """Hash of the recipe as the client read it; without it, the recipe is loaded as it is."""
 
     sha256: Sha256 | None = None
 
@@ -81,7 +84,7 @@ class SettingsFields(SeenRecipe):
 
 
 class TeachFields(Record):
-    """Parts to teach; without any, the known ones again."""
+    """Parts to teach; without any, the parts that were taught before are taught again."""
 
     parts: _PartIds = Field([])
     texture: str = ""
@@ -105,13 +108,13 @@ def _recipes(call: ByOperator) -> dict[str, Any]:
     }
 
 
-@router.get(_ONE, response_model=_Now)
+@router.get(_RECIPE_PATH, response_model=_RecipeStatus)
 def _recipe(call: ByOperator, name: Name) -> Response:
-    """One recipe, and what it lacks."""
-    return JsonAnswer(_now(call, known_changes_of(call, name)))
+    """A recipe with its approval, its problem if any, and the state of its challenge set."""
+    return JsonAnswer(_recipe_status(call, known_changes_of(call, name)))
 
 
-def _now(call: Call, changes: RecipeChanges) -> dict[str, Any]:
+def _recipe_status(call: Call, changes: RecipeChanges) -> dict[str, Any]:
     state = changes.state
     loaded = call.panel.live.snapshot().recipe
     return _fields(state.recipe) | {
@@ -120,11 +123,11 @@ def _now(call: Call, changes: RecipeChanges) -> dict[str, Any]:
         "challenge": state.challenge,
         "has_met_challenge": state.has_met_challenge,
         "is_running": loaded is not None and loaded.sha256 == state.recipe.sha256,
-        "least_found": _least_found(changes.files, state.recipe),
+        "least_found": _detection_limits(changes.files, state.recipe),
     }
 
 
-def _least_found(files: RecipeFolder, recipe: Recipe) -> list[dict[str, Any]]:
+def _detection_limits(files: RecipeFolder, recipe: Recipe) -> list[dict[str, Any]]:
     try:
         return read_taught(files.version(recipe.version).taught).least_found_fields
     except InputError:
@@ -135,7 +138,7 @@ def _fields(recipe: Recipe) -> dict[str, Any]:
     return recipe.model_dump(mode="json", by_alias=True) | {"sha256": recipe.sha256}
 
 
-@router.get(f"{_ONE}/versions", response_model=_Versions)
+@router.get(f"{_RECIPE_PATH}/versions", response_model=_Versions)
 def _versions(call: ByOperator, name: Name) -> Response:
     """States of a recipe to go back to."""
     files = known_changes_of(call, name).files
@@ -148,47 +151,47 @@ def _versions(call: ByOperator, name: Name) -> Response:
     )
 
 
-@router.post(f"{_ONE}/settings", response_model=_Now)
+@router.post(f"{_RECIPE_PATH}/settings", response_model=_RecipeStatus)
 def _save_settings(call: ByEngineer, name: Name, given: SettingsFields) -> Response:
-    """Change settings: a state that nobody approved."""
+    """Change settings; the changed recipe is not approved."""
     changes = known_changes_of(call, name)
     try:
         changes.save_settings(given.sha256, given.settings)
     except SettingsRefused as error:
         messages = {dotted(place): message for place, message in error.messages.items()}
         return JsonAnswer({"error": str(error), "settings": messages}, 400)
-    return JsonAnswer(_now(call, changes))
+    return JsonAnswer(_recipe_status(call, changes))
 
 
-@router.post(f"{_ONE}/approve", response_model=_Now)
+@router.post(f"{_RECIPE_PATH}/approve", response_model=_RecipeStatus)
 def _approve(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
     """Approve a recipe."""
     changes = known_changes_of(call, name)
     changes.approve(call.name, given.sha256)
-    return JsonAnswer(_now(call, changes))
+    return JsonAnswer(_recipe_status(call, changes))
 
 
-@router.post(f"{_ONE}/rollback", response_model=_Now)
+@router.post(f"{_RECIPE_PATH}/rollback", response_model=_RecipeStatus)
 def _roll_back(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
-    """Go back to a state that was approved, by its hash."""
+    """Restore the approved state with this hash."""
     changes = known_changes_of(call, name)
     changes.roll_back(given.sha256)
-    return JsonAnswer(_now(call, changes))
+    return JsonAnswer(_recipe_status(call, changes))
 
 
-@router.post(f"{_ONE}/load", response_model=_Loaded)
+@router.post(f"{_RECIPE_PATH}/load", response_model=_Loaded)
 def _load(call: ByEngineer, name: Name, given: LoadFields = _PRESENT) -> Response:
-    """Judge by the recipe from now on: 200 after the parts in progress, 409 with the reason."""
+    """Judge later parts by the recipe: 200 after the parts in progress, 409 if it is refused."""
     try:
         return JsonAnswer({"running": vars(load_recipe(call, name, given.sha256))})
     except RecipeRefused as error:
         return JsonAnswer({"error": str(error), "kind": error.kind.name}, 409)
 
 
-@router.post(f"{_ONE}/teach", status_code=202)
+@router.post(f"{_RECIPE_PATH}/teach", status_code=202)
 def _teach(call: ByEngineer, name: Name, given: TeachFields, response: Response) -> Job:
     """Start to teach parts: 202, 409 while a job is running."""
-    response.headers["Location"] = _JOB
+    response.headers["Location"] = _JOB_URL
     return start_teaching(
         call.panel,
         changes_of(call, name),
@@ -198,7 +201,7 @@ def _teach(call: ByEngineer, name: Name, given: TeachFields, response: Response)
     )
 
 
-@router.get(f"{_ONE}/challenge", response_model=_Challenge)
+@router.get(f"{_RECIPE_PATH}/challenge", response_model=_Challenge)
 def _challenge(call: ByOperator, name: Name) -> dict[str, Any]:
     """The challenge set, and its last replay."""
     changes = known_changes_of(call, name)
@@ -211,14 +214,14 @@ def _challenge(call: ByOperator, name: Name) -> dict[str, Any]:
     }
 
 
-@router.post(f"{_ONE}/challenge", status_code=202)
+@router.post(f"{_RECIPE_PATH}/challenge", status_code=202)
 def _replay(call: ByEngineer, name: Name, response: Response) -> Job:
     """Start a replay of the challenge set: 202, 409 while a job is running."""
-    response.headers["Location"] = _JOB
+    response.headers["Location"] = _JOB_URL
     return start_replay(call.panel, known_changes_of(call, name))
 
 
-@router.post(f"{_ONE}/challenge/parts", status_code=201, response_model=_Sets)
+@router.post(f"{_RECIPE_PATH}/challenge/parts", status_code=201, response_model=_Sets)
 def _add_to_challenge(call: ByEngineer, name: Name, given: ChallengeFields) -> dict[str, Any]:
     """Add parts to the challenge set."""
     changes = changes_of(call, name)
@@ -226,7 +229,7 @@ def _add_to_challenge(call: ByEngineer, name: Name, given: ChallengeFields) -> d
     return {"sets": challenge_sets(changes.files.challenge)}
 
 
-@router.delete(f"{_ONE}/challenge/parts/{{file}}", response_model=_Sets)
+@router.delete(f"{_RECIPE_PATH}/challenge/parts/{{file}}", response_model=_Sets)
 def _remove_from_challenge(call: ByEngineer, name: Name, file: str) -> dict[str, Any]:
     """Take a part out of the challenge set."""
     changes = changes_of(call, name)
