@@ -13,6 +13,7 @@ from __future__ import annotations
 import atexit
 import os
 import signal
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -75,6 +76,8 @@ def _handle(number: int, frame: FrameType | None) -> None:
         threading.Timer(_AFTER_CALLBACK_S, signal.raise_signal, (number,)).start()
         return
     _cleanup_ends_s = now_s + _CLEANUP_S
+    # The destructor of an object that is half made now may fail: Python would print its traceback.
+    sys.unraisablehook = lambda _: None
     raise KeyboardInterrupt
 
 

@@ -142,6 +142,14 @@ def test_an_interrupt_that_an_import_would_swallow_ends_the_process(
             """compile(lambda *_: signal.raise_signal(signal.SIGINT)); time.sleep(60.0)""",
             "interrupted\n",
         ),
+        # The destructor of an object that is half made fails.
+        (
+            """type("Half", (), dict(
+            __init__=lambda self: signal.raise_signal(signal.SIGINT),
+            __del__=lambda self: self.value,
+        ))()""",
+            "interrupted\n",
+        ),
     ],
 )  # fmt: skip
 def test_a_command_is_interrupted_once(run_python: Run, block: str, stdout: str) -> None:
