@@ -196,7 +196,7 @@ _GOOD, _FAIR = 0.002, 0.01
 _MIN_COVERED_SHARE = 0.6
 
 
-def board_of_set(captured: CapturedSet) -> FloatMap:
+def mean_light_image(captured: CapturedSet) -> FloatMap:
     """Return the mean of the light images of a set, (H, W): it has the least noise and shadow."""
     return np.asarray(captured.images.mean(axis=0, dtype=np.float32), np.float32)
 

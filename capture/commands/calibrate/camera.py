@@ -79,8 +79,8 @@ def _dark_part_from_rig(rig: Rig, yes: bool) -> MeasuredPart:
         simulation.place(placement.model_copy(update={"surface": "lens_cap"}))
     elif not yes:
         flow.ask("cover the lens with its cap or with black foil, then press Enter")
-    measured = dark_of_rig(rig)
-    dark = measured.dark
+    dark_frames = dark_of_rig(rig)
+    dark = dark_frames.dark
     if simulation is not None and placement is not None:
         simulation.place(placement)
     elif not yes:
@@ -89,7 +89,7 @@ def _dark_part_from_rig(rig: Rig, yes: bool) -> MeasuredPart:
     if placement is not None or not yes:
         [ambient] = frame_series(rig, None, 1)  # None: all LEDs off
         dark = with_ambient(dark, ambient, dark.full_scale)
-    return dark_part(measured, dark, Setting.of_rig(rig), ("captured",))
+    return dark_part(dark_frames, dark, Setting.of_rig(rig), ("captured",))
 
 
 def _dark_part_from_photographs(
@@ -116,14 +116,14 @@ def _dark_part_from_photographs(
             "N, or a captured set of the same camera with --from"
         )
     frames = np.stack(photographs.planes)
-    measured = dark_of(frames, photographs.full_scale)
-    dark = measured.dark
+    dark_frames = dark_of(frames, photographs.full_scale)
+    dark = dark_frames.dark
     for path, captured in zip(set_paths, sets, strict=True):
         if captured.ambient is None:
             raise InputError(f"{path}: has no ambient image; leave it out")
         dark = with_ambient(dark, captured.ambient, captured.metadata.full_scale)
     setting = Setting.of_photographs(frames.shape[1:], photographs.bit_depth, photographs.gamma)
-    return dark_part(measured, dark, setting, [path.name for path in (*images, *set_paths)])
+    return dark_part(dark_frames, dark, setting, [path.name for path in (*images, *set_paths)])
 
 
 _SHEET = flow.Target("a white matt sheet", surface="plate")

@@ -87,7 +87,7 @@ def _pictures_at_rig(
     rig: str, square_mm: float, placements: int, yes: bool
 ) -> tuple[list[Array], Setting, list[str]]:
     from capture.calibration.setting import Setting
-    from capture.procedures.target_parts import board_of_set
+    from capture.procedures.target_parts import mean_light_image
     from rig import open_rig
 
     target = flow.Target(
@@ -99,13 +99,13 @@ def _pictures_at_rig(
     with open_rig(rig) as opened:
         rotations_deg = [_ROTATION_STEP_DEG * k for k in range(placements)]
         sets = flow.captured_targets(opened, target, rotations_deg, yes=yes)
-        pictures = [board_of_set(captured) for captured in sets]
+        pictures = [mean_light_image(captured) for captured in sets]
         return pictures, Setting.of_rig(opened), ["captured"]
 
 
 def _pictures_in_files(sources: Sequence[Path]) -> tuple[list[Array], Setting, list[str]]:
     from capture.calibration.setting import Setting
-    from capture.procedures.target_parts import board_of_set
+    from capture.procedures.target_parts import mean_light_image
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 
@@ -121,5 +121,5 @@ def _pictures_in_files(sources: Sequence[Path]) -> tuple[list[Array], Setting, l
     sizes = {captured.images.shape[1:] for captured in captured_sets}
     if len(sizes) > 1:
         raise InputError("the sets of --from differ in size; give sets of one camera")
-    pictures = [board_of_set(captured) for captured in captured_sets]
+    pictures = [mean_light_image(captured) for captured in captured_sets]
     return pictures, captured_sets[0].setting, source

@@ -54,7 +54,8 @@ _MAX_DEFECTS = 50
 # Largest number of listed regions of each kind of window, seam and window. Windows that overlap are
 # one region, so there are few.
 _MAX_WINDOW_REGIONS = 10
-# test_weak_led.py: a share of 2 % is measured as 2.0 %, and 0 without any.
+# Share of its light that an LED may give while off. 3 % is noted, and sound sets have no note
+# (tests/capture/station/run/test_weak_led.py).
 _WARN_WHILE_OFF = 0.02
 COLLECTING_REASON = "this run collects parts for teaching and judges none"
 

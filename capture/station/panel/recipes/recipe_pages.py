@@ -44,15 +44,15 @@ router = APIRouter(include_in_schema=False)
 _NAME = "/recipes/{name}"
 
 
-def changes_of(call: Call, name: str) -> RecipeChanges:
+def changes_of_new_or_existing(call: Call, name: str) -> RecipeChanges:
     """Return a recipe, which may not exist yet, for changes by the user."""
     folder = call.panel.folder
     return RecipeChanges(folder, call.panel.changes, call.someone, folder.recipe_files(name))
 
 
-def known_changes_of(call: Call, name: str) -> RecipeChanges:
-    """Return a recipe for changes by the user."""
-    changes = changes_of(call, name)
+def changes_of_existing(call: Call, name: str) -> RecipeChanges:
+    """Return a recipe for changes by the user; 404 if it does not exist."""
+    changes = changes_of_new_or_existing(call, name)
     if not changes.files.file.is_file():
         raise Denied(404, f"recipe {changes.files.name}: no such recipe")
     return changes
@@ -62,7 +62,7 @@ def load_recipe(call: Call, name: str, sha256: str | None) -> RecipeLoaded:
     """Let the station judge by a recipe; the station records the change."""
     who = call.someone
     asker = Asker(call.name, who.role, sha256, who.via)
-    return call.panel.live.load_recipe(known_changes_of(call, name).files.name, asker)
+    return call.panel.live.load_recipe(changes_of_existing(call, name).files.name, asker)
 
 
 def recipe_names(call: Call) -> list[str]:
@@ -79,7 +79,7 @@ def _list(call: ByOperator, new: str | None = None) -> Response:
     rows: list[tuple[str, RecipeState | None, str]] = []
     for name in recipe_names(call):
         try:
-            rows.append((name, changes_of(call, name).state, ""))
+            rows.append((name, changes_of_new_or_existing(call, name).state, ""))
         except InputError as error:
             rows.append((name, None, str(error)))
     return page(
@@ -98,7 +98,7 @@ def _show(call: ByOperator, name: Name) -> Response:
 
 
 def _recipe_page(call: Call, name: str, problem: str = "") -> Response:
-    changes = known_changes_of(call, name)
+    changes = changes_of_existing(call, name)
     files, state = changes.files, changes.state
     outcomes = {} if state.replay is None else {part.file: part for part in state.replay.parts}
     challenge = challenge_sets(files.challenge)
@@ -129,7 +129,7 @@ def _parts(call: ByEngineer, name: Name, below: Below = None) -> Response:
 
 
 def _parts_page(call: Call, name: str, below: int | None, problem: str = "") -> Response:
-    files = changes_of(call, name).files
+    files = changes_of_new_or_existing(call, name).files
     selection = Selection(below_number=below)
     entries = list(call.panel.results.store.parts(selection, newest=_SHOWN_PARTS))[::-1]
     taught, textures = _taught(files)
@@ -190,7 +190,7 @@ def _taught(files: RecipeFolder) -> tuple[dict[str, str], list[str]]:
 @router.post(f"{_NAME}/parts")
 def _use_parts(call: ByEngineer, name: Name, below: Below = None) -> Response:
     """Teach chosen parts, or add them to the challenge set."""
-    changes, use = changes_of(call, name), call.text("use", "")
+    changes, use = changes_of_new_or_existing(call, name), call.text("use", "")
     part_ids = _chosen_ids(call)
     try:
         if use == "look":
@@ -219,7 +219,7 @@ def _use_parts(call: ByEngineer, name: Name, below: Below = None) -> Response:
 @router.get(f"{_NAME}/settings")
 def _settings(call: ByEngineer, name: Name) -> Response:
     """The form of the settings."""
-    recipe = read_recipe(known_changes_of(call, name).files.file)
+    recipe = read_recipe(changes_of_existing(call, name).files.file)
     return _settings_page(call, RecipeForm(recipe), recipe.name, recipe.sha256)
 
 
@@ -243,7 +243,7 @@ def _settings_page(
 @router.post(f"{_NAME}/settings")
 def _save_settings_page(call: ByEngineer, name: Name) -> Response:
     """Save the settings; the changed recipe is not approved."""
-    changes, seen = known_changes_of(call, name), call.text("sha256")
+    changes, seen = changes_of_existing(call, name), call.text("sha256")
     recipe = read_recipe(changes.files.file)
     try:
         # A form of another state may have other textures under the names of its fields.
@@ -261,7 +261,7 @@ def _change(
     call: ByEngineer, name: Name, action: Literal["approve", "rollback", "load", "challenge"]
 ) -> Response:
     """Approve a recipe, go back to another state, load it, replay or change its challenge set."""
-    changes, next_page = known_changes_of(call, name), f"/recipes/{name}"
+    changes, next_page = changes_of_existing(call, name), f"/recipes/{name}"
     seen, removed = call.text("sha256", ""), call.text("remove", "")
     try:
         if action == "approve":
@@ -283,7 +283,7 @@ def _change(
 @router.get(f"{_NAME}/versions/{{version}}/teaching")
 def _report(call: ByOperator, name: Name, version: int) -> Response:
     """What teaching found for a version."""
-    files = known_changes_of(call, name).files
+    files = changes_of_existing(call, name).files
     path = files.version(version).report
     if version not in files.taught_versions() or not path.is_file():
         raise Denied(404, f"recipe {name}, version {version}: there is no report")

@@ -25,7 +25,7 @@ from capture.station.run.triggers import RecipeRefused
 from classify.base.errors import InputError
 from classify.base.models import Record
 
-from .recipe_pages import changes_of, known_changes_of, load_recipe, recipe_names
+from .recipe_pages import changes_of_existing, changes_of_new_or_existing, load_recipe, recipe_names
 from .recipe_work import MAX_CHOSEN_PARTS, add_parts_to_challenge, start_replay, start_teaching
 
 router = APIRouter(prefix=V1)
@@ -111,7 +111,7 @@ def _recipes(call: ByOperator) -> dict[str, Any]:
 @router.get(_RECIPE_PATH, response_model=_RecipeStatus)
 def _recipe(call: ByOperator, name: Name) -> Response:
     """A recipe with its approval, its problem if any, and the state of its challenge set."""
-    return JsonAnswer(_recipe_status(call, known_changes_of(call, name)))
+    return JsonAnswer(_recipe_status(call, changes_of_existing(call, name)))
 
 
 def _recipe_status(call: Call, changes: RecipeChanges) -> dict[str, Any]:
@@ -141,7 +141,7 @@ def _fields(recipe: Recipe) -> dict[str, Any]:
 @router.get(f"{_RECIPE_PATH}/versions", response_model=_Versions)
 def _versions(call: ByOperator, name: Name) -> Response:
     """States of a recipe to go back to."""
-    files = known_changes_of(call, name).files
+    files = changes_of_existing(call, name).files
     return JsonAnswer(
         {
             "present": read_recipe(files.file).sha256,
@@ -154,7 +154,7 @@ def _versions(call: ByOperator, name: Name) -> Response:
 @router.post(f"{_RECIPE_PATH}/settings", response_model=_RecipeStatus)
 def _save_settings(call: ByEngineer, name: Name, given: SettingsFields) -> Response:
     """Change settings; the changed recipe is not approved."""
-    changes = known_changes_of(call, name)
+    changes = changes_of_existing(call, name)
     try:
         changes.save_settings(given.sha256, given.settings)
     except SettingsRefused as error:
@@ -166,7 +166,7 @@ def _save_settings(call: ByEngineer, name: Name, given: SettingsFields) -> Respo
 @router.post(f"{_RECIPE_PATH}/approve", response_model=_RecipeStatus)
 def _approve(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
     """Approve a recipe."""
-    changes = known_changes_of(call, name)
+    changes = changes_of_existing(call, name)
     changes.approve(call.name, given.sha256)
     return JsonAnswer(_recipe_status(call, changes))
 
@@ -174,7 +174,7 @@ def _approve(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
 @router.post(f"{_RECIPE_PATH}/rollback", response_model=_RecipeStatus)
 def _roll_back(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
     """Restore the approved state with this hash."""
-    changes = known_changes_of(call, name)
+    changes = changes_of_existing(call, name)
     changes.roll_back(given.sha256)
     return JsonAnswer(_recipe_status(call, changes))
 
@@ -194,7 +194,7 @@ def _teach(call: ByEngineer, name: Name, given: TeachFields, response: Response)
     response.headers["Location"] = _JOB_URL
     return start_teaching(
         call.panel,
-        changes_of(call, name),
+        changes_of_new_or_existing(call, name),
         given.parts,
         given.texture,
         is_good=given.use == "good",
@@ -204,7 +204,7 @@ def _teach(call: ByEngineer, name: Name, given: TeachFields, response: Response)
 @router.get(f"{_RECIPE_PATH}/challenge", response_model=_Challenge)
 def _challenge(call: ByOperator, name: Name) -> dict[str, Any]:
     """The challenge set, and its last replay."""
-    changes = known_changes_of(call, name)
+    changes = changes_of_existing(call, name)
     state = changes.state
     return {
         "sets": challenge_sets(changes.files.challenge),
@@ -218,13 +218,13 @@ def _challenge(call: ByOperator, name: Name) -> dict[str, Any]:
 def _replay(call: ByEngineer, name: Name, response: Response) -> Job:
     """Start a replay of the challenge set: 202, 409 while a job is running."""
     response.headers["Location"] = _JOB_URL
-    return start_replay(call.panel, known_changes_of(call, name))
+    return start_replay(call.panel, changes_of_existing(call, name))
 
 
 @router.post(f"{_RECIPE_PATH}/challenge/parts", status_code=201, response_model=_Sets)
 def _add_to_challenge(call: ByEngineer, name: Name, given: ChallengeFields) -> dict[str, Any]:
     """Add parts to the challenge set."""
-    changes = changes_of(call, name)
+    changes = changes_of_new_or_existing(call, name)
     add_parts_to_challenge(call.panel, changes, given.parts, given.expected)
     return {"sets": challenge_sets(changes.files.challenge)}
 
@@ -232,7 +232,7 @@ def _add_to_challenge(call: ByEngineer, name: Name, given: ChallengeFields) -> d
 @router.delete(f"{_RECIPE_PATH}/challenge/parts/{{file}}", response_model=_Sets)
 def _remove_from_challenge(call: ByEngineer, name: Name, file: str) -> dict[str, Any]:
     """Take a part out of the challenge set."""
-    changes = changes_of(call, name)
+    changes = changes_of_new_or_existing(call, name)
     changes.remove_from_challenge(file)
     return {"sets": challenge_sets(changes.files.challenge)}
 
