@@ -70,8 +70,8 @@ class Inspection:
     # First the defects of the map, largest score first, then boxes of windows. All coordinates are
     # px of the whole image.
     defects: tuple[DefectRecord, ...] = ()
-    # As `PartResult.led_levels`, not `Measures.led_levels`; empty if not measured.
-    led_levels: tuple[float, ...] = ()
+    # Stored as `PartResult.led_levels`; empty if not measured.
+    light_signal_ratios: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
 
     def recorded(self, part: PartResult) -> PartResult:
@@ -83,7 +83,7 @@ class Inspection:
             part,
             verdict=self.verdict,
             defects=self.defects,
-            led_levels=tuple(map(_finite_or_none, self.led_levels)),
+            led_levels=tuple(map(_finite_or_none, self.light_signal_ratios)),
             timings_ms=self.timings_ms,
             notes=(*part.notes, *self._notes()),
             **{name: _finite_or_none(value) for name, value in values.items()},
@@ -242,9 +242,9 @@ class Inspector:
         taught = self._taught_signals.get(
             texture, np.mean([*self._taught_signals.values()], axis=0)
         )
-        levels = tuple((np.array(measured.light_signals) / taught).tolist())
+        ratios = tuple((np.array(measured.light_signals) / taught).tolist())
         verdict = verdict_of(self.recipe, measures)
-        return Inspection(verdict, measures, defect_map, defects, levels, timings_ms)
+        return Inspection(verdict, measures, defect_map, defects, ratios, timings_ms)
 
     def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:
         """Outline the defects above a limit; their scores are in units of it."""
