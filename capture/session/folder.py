@@ -73,7 +73,7 @@ def _sets_table(
 
 def _row(entry: SetEntry) -> dict[str, _Cell]:
     row: dict[str, _Cell] = {
-        "specimen": entry.piece,
+        "specimen": entry.entered_specimen,
         "orientation_deg": plain(entry.entered_deg),
         "repeat": entry.repeat,
         "file": entry.file,
@@ -312,7 +312,7 @@ class SessionFolder:
 
     def sets_of(self, specimen: str) -> list[SetEntry]:
         """Entries of the captured sets of a specimen, those that were planned as such first."""
-        sets = [entry for entry in self.captured() if entry.piece == specimen]
+        sets = [entry for entry in self.captured() if entry.entered_specimen == specimen]
         return sorted(sets, key=lambda entry: entry.specimen != specimen)
 
     def bytes_of_sets(self) -> int:

@@ -109,7 +109,7 @@ class SetEntry(Record):
         )
 
     @property
-    def piece(self) -> str:
+    def entered_specimen(self) -> str:
         """Specimen of the set as planned or corrected; empty if a correction removed it."""
         return self.specimen if self.description is None else self.description.specimen or ""
 

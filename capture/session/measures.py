@@ -167,18 +167,21 @@ def enter_corrections(
 
     If the specimen or orientation of a set changed, all sets of its specimens are measured again.
     """
-    journal, changed_pieces = folder.journal, set[str]()
+    journal, changed_specimens = folder.journal, set[str]()
     for entry, metadata in described_sets:
         changed = entry.model_copy(update={"description": Description.of(metadata)})
         if changed != entry:
             journal = journal.with_entry(changed)
-        if (changed.piece, changed.entered_deg) != (entry.piece, entry.entered_deg):
-            changed_pieces |= {changed.piece, entry.piece}
+        if (changed.entered_specimen, changed.entered_deg) != (
+            entry.entered_specimen,
+            entry.entered_deg,
+        ):
+            changed_specimens |= {changed.entered_specimen, entry.entered_specimen}
     if journal is folder.journal:
         return
     folder.update(journal)
-    for piece in changed_pieces:
-        for entry in _measured_again(folder.sets_of(piece), folder.path):
+    for specimen in changed_specimens:
+        for entry in _measured_again(folder.sets_of(specimen), folder.path):
             journal = journal.with_entry(entry)
     folder.update(journal)
 
@@ -192,7 +195,7 @@ def _measured_again(entries: Iterable[SetEntry], folder: Path) -> Iterator[SetEn
             measures = (
                 measures_of_first(loaded) if reference is None else reference.measures(loaded)
             )
-            if reference is None and entry.piece:
+            if reference is None and entry.entered_specimen:
                 reference = SpecimenReference(loaded)
         except InputError:
             continue

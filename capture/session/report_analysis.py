@@ -76,12 +76,14 @@ def analyse(
     entries = sorted(folder.captured(), key=lambda entry: entry.captured_utc or "")
     entries = [entry for entry in entries if _loaded(folder.path, entry, damaged) is not None]
     specimens: dict[str, SpecimenResult] = {}
-    for piece in dict.fromkeys(entry.piece for entry in entries if entry.piece):
-        for entry in folder.sets_of(piece):
+    for specimen in dict.fromkeys(
+        entry.entered_specimen for entry in entries if entry.entered_specimen
+    ):
+        for entry in folder.sets_of(specimen):
             loaded = _loaded(folder.path, entry, damaged)
             surface = _surface(loaded, entry, damaged)
             if loaded is not None and surface is not None:
-                specimens[piece] = _specimen(loaded, surface)
+                specimens[specimen] = _specimen(loaded, surface)
                 break
     separation = _separation(folder.path, entries, specimens, damaged, on_progress)
     entries = [entry for entry in entries if entry.file not in damaged]
@@ -157,14 +159,14 @@ def _separation(
     first_hashes = {
         specimen.loaded.captured.metadata.pixels_sha256: name for name, specimen in usable.items()
     }
-    usable_entries = [entry for entry in entries if entry.piece in usable]
+    usable_entries = [entry for entry in entries if entry.entered_specimen in usable]
     compared, rows = [], []
     for number, entry in enumerate(usable_entries):
         self_distance = {}
         if entry.pixels_sha256 in first_hashes:
-            surface: SurfaceEstimate | None = usable[entry.piece].surface
+            surface: SurfaceEstimate | None = usable[entry.entered_specimen].surface
             # The distance of the first set to itself is not that of a repeated capture.
-            self_distance = {entry.piece: math.nan}
+            self_distance = {entry.entered_specimen: math.nan}
         else:
             surface = _surface(_loaded(folder, entry, damaged), entry, damaged)
         if surface is not None:
@@ -177,7 +179,9 @@ def _separation(
             on_progress((number + 1) / len(usable_entries))
     distances = np.array(rows)
     filled = np.nan_to_num(distances, nan=0.0)
-    matrix = class_dissimilarities(filled, [names.index(entry.piece) for entry in compared])
+    matrix = class_dissimilarities(
+        filled, [names.index(entry.entered_specimen) for entry in compared]
+    )
     single_limits = own_scatter_limits(library)
     limits = np.array([single_limits[name] for name in names])
     return Separation(
@@ -206,11 +210,11 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
     the session and log-normal scatter explain.
     """
     names, entries = separation.specimens, separation.entries
-    classes = np.array([names.index(entry.piece) for entry in entries])
+    classes = np.array([names.index(entry.entered_specimen) for entry in entries])
     shares = separation.distances[range(len(classes)), classes] / separation.limits[classes]
     is_first = np.isnan(shares)
     labels = {
-        entry.piece: entry.description and entry.description.label
+        entry.entered_specimen: entry.description and entry.description.label
         for entry, is_first_set in zip(entries, is_first, strict=True)
         if is_first_set
     }
@@ -224,16 +228,16 @@ def outliers(separation: Separation) -> Iterator[tuple[str, str]]:
         nearest = names[int(np.nanargmin(row))]
         if math.isnan(share):
             continue
-        if labels[nearest] != labels[entry.piece]:
+        if labels[nearest] != labels[entry.entered_specimen]:
             remark = (
-                f"looks more like {nearest} than like {entry.piece}; if that specimen lay below "
-                f"the camera, correct the set with ps4rig info --set specimen={nearest}"
+                f"looks more like {nearest} than like {entry.entered_specimen}; if that specimen "
+                f"lay below the camera, correct the set with ps4rig info --set specimen={nearest}"
             )
         elif share > limit:
             remark = (
-                f"its distance from the first set of {entry.piece} is {share / limit:.1f} times "
-                "the limit; compare both with ps4rig compare; if this one is wrong, delete its "
-                "file, and ps4rig session resume captures it again"
+                f"its distance from the first set of {entry.entered_specimen} is "
+                f"{share / limit:.1f} times the limit; compare both with ps4rig compare; if this "
+                "one is wrong, delete its file, and ps4rig session resume captures it again"
             )
         else:
             continue

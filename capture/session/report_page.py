@@ -39,7 +39,7 @@ def _levels_figure(entries: Sequence[SetEntry]) -> str:
         if entry.measures is None or entry.captured_utc is None:
             continue
         levels = entry.measures.led_levels
-        base = first.setdefault((entry.piece, len(levels)), levels)
+        base = first.setdefault((entry.entered_specimen, len(levels)), levels)
         days = datetime.fromisoformat(entry.captured_utc).timestamp() / 86_400.0
         for light, value in enumerate(100.0 * np.array(levels) / np.maximum(base, 1e-6)):
             curves.setdefault(light, []).append((days, value))
@@ -60,11 +60,12 @@ def _levels_figure(entries: Sequence[SetEntry]) -> str:
 def _orientations_figure(entries: Sequence[SetEntry]) -> str:
     """Draw how far the estimated orientation of each set is from the entered one."""
     figure, axes = chart_axes(2.8)
-    for number, specimen in enumerate(dict.fromkeys(entry.piece for entry in entries)):
+    for number, specimen in enumerate(dict.fromkeys(entry.entered_specimen for entry in entries)):
         points = [
             (entry.entered_deg, error_deg)
             for entry in entries
-            if entry.piece == specimen and (error_deg := _orientation_error_deg(entry)) is not None
+            if entry.entered_specimen == specimen
+            and (error_deg := _orientation_error_deg(entry)) is not None
         ]
         if points:
             axes.plot(
@@ -128,7 +129,7 @@ def _map_figure(separation: Separation) -> str:
     """Draw the sets at their `map_positions`: sets that look alike lie near each other."""
     figure, axes = chart_axes(3.6)
     for number, specimen in enumerate(separation.specimens):
-        of_specimen = [entry.piece == specimen for entry in separation.entries]
+        of_specimen = [entry.entered_specimen == specimen for entry in separation.entries]
         axes.plot(
             *separation.map_positions[of_specimen].T, _marker(number), markersize=5,
             color=curve_colour(number), label=specimen, alpha=0.8,
@@ -215,7 +216,7 @@ def _specimen(name: str, result: SpecimenResult, analysis: SessionAnalysis) -> d
         "albedo": pictures.grey(surface.albedo),
         "relief": pictures.shaded(surface.normals),
     }
-    entries = [entry for entry in analysis.entries if entry.piece == name]
+    entries = [entry for entry in analysis.entries if entry.entered_specimen == name]
     values: dict[str, dict[str, None]] = {}  # distinct texts of each property, in order
     for entry in entries:
         if entry.description is not None:
