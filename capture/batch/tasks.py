@@ -214,13 +214,12 @@ def solve_set(
         stack = ImageStack(captured.images, captured.ambient)
         flat_fall_off = fall_off(stack, captured.lighting, surface.full_scale, captured.mask)
     levels = surface.led_levels
-    mm_per_px = loaded.mm_per_px
     written = write_maps(
         captured,
         surface,
         task.folder,
         light=light,
-        mm_per_px=mm_per_px,
+        mm_per_px=loaded.mm_per_px,
         calibration=source,
         raw_residual=raw_residual,
         inputs=[task.path, *([] if source is None else [source.path])],
@@ -235,7 +234,7 @@ def solve_set(
         led_levels=None if levels is None else tuple(np.round(levels, 4).tolist()),
         simulated=captured.metadata.simulated,
         lights=len(captured.images),
-        mm_per_px=mm_per_px,
+        mm_per_px=loaded.mm_per_px,
         calibration=None if source is None else str(source.path),
         residual=surface.residual_share,
         raw_residual=raw_residual,
