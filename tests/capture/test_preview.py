@@ -281,7 +281,7 @@ def test_the_lights_are_a_cross_with_the_outline_over_each_image(tmp_path: Path)
     shown = preview_of_age(0.1)
     line = np.array([(8, 8), (55, 8), (55, 40), (8, 40)], np.float32)
     shown.guide("rock-1: turn to 40 degrees", Outline(64, 48, (line,)).svg())
-    shown.measured("turn it by 3 anticlockwise")
+    shown.show_measurement("turn it by 3 anticlockwise")
     with serving(shown, 0) as server:
         dom = in_chromium(server.url, tmp_path, "--dump-dom", "--window-size=1200,1600")
         screenshot = tmp_path / "page.png"

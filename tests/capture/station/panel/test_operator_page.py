@@ -373,7 +373,7 @@ def test_all_pages_show_the_pictures_of_the_same_parts(
 
     monkeypatch.setattr(picture_maker, "made_pictures", noted)
     panel.until_ready()
-    pages = [browser.page(panel.url, exclusive=True) for _ in range(3)]
+    pages = [browser.page(panel.url, alone=True) for _ in range(3)]
     for page in pages:
         page.value(NOTED)
     began_s = time.monotonic()
