@@ -174,7 +174,9 @@ def test_a_key_that_was_refused_may_be_sent_again(panel: RunningPanel) -> None:
 
 def test_the_number_of_known_keys_is_bounded() -> None:
     live = SimpleNamespace(submit=lambda trigger: Accepted(trigger.part_id, 1))
-    triggers = KeyedTriggers(live, SimpleNamespace(store=SimpleNamespace(known_ids=lambda _: set())))
+    triggers = KeyedTriggers(
+        live, SimpleNamespace(store=SimpleNamespace(known_ids=lambda _: set()))
+    )
 
     def submit(first: int, last: int) -> None:
         for number in range(first, last):
