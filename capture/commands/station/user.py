@@ -35,9 +35,9 @@ def add_user(folder: _Folder, name: _UserName, role: _RoleName) -> None:
     """
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.roles import Role
-    from capture.station.results.accounts import accounts_for_shell_user
+    from capture.station.results.accounts import accounts_on_the_terminal
 
-    with accounts_for_shell_user(StationFolder(folder)) as accounts:
+    with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         accounts.put_user(name, Role(role), _password(name))
     out.print(f"user {name}: {role}")
 
@@ -52,10 +52,10 @@ def set_kiosk(folder: _Folder) -> None:
     """
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.users import KIOSK
-    from capture.station.results.accounts import accounts_for_shell_user
+    from capture.station.results.accounts import accounts_on_the_terminal
 
     station = StationFolder(folder)
-    with accounts_for_shell_user(station) as accounts:
+    with accounts_on_the_terminal(station) as accounts:
         accounts.put_kiosk(_password(KIOSK))
     screens = ", ".join(map(str, station.config.panel.kiosk_addresses))
     out.print(f"user {KIOSK}: operator, at {screens or 'no screen; set kiosk_addresses'}")
@@ -66,9 +66,9 @@ def set_kiosk(folder: _Folder) -> None:
 def remove_user(folder: _Folder, name: _UserName) -> None:
     """Remove a user; the sessions of this user end at once."""
     from capture.station.domain.folder import StationFolder
-    from capture.station.results.accounts import accounts_for_shell_user
+    from capture.station.results.accounts import accounts_on_the_terminal
 
-    with accounts_for_shell_user(StationFolder(folder)) as accounts:
+    with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         accounts.remove_user(name)
     out.print(f"user {name}: removed")
 
@@ -92,9 +92,9 @@ def add_token(folder: _Folder, name: _ClientName, role: _RoleName) -> None:
     """Add an API client and print its token, which is not stored."""
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.roles import Role
-    from capture.station.results.accounts import accounts_for_shell_user
+    from capture.station.results.accounts import accounts_on_the_terminal
 
-    with accounts_for_shell_user(StationFolder(folder)) as accounts:
+    with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         out.print(accounts.add_client(name, Role(role)))
 
 
@@ -103,9 +103,9 @@ def add_token(folder: _Folder, name: _ClientName, role: _RoleName) -> None:
 def remove_token(folder: _Folder, name: _ClientName) -> None:
     """Remove an API client; its token is invalid at once."""
     from capture.station.domain.folder import StationFolder
-    from capture.station.results.accounts import accounts_for_shell_user
+    from capture.station.results.accounts import accounts_on_the_terminal
 
-    with accounts_for_shell_user(StationFolder(folder)) as accounts:
+    with accounts_on_the_terminal(StationFolder(folder)) as accounts:
         accounts.remove_client(name)
     out.print(f"client {name}: removed")
 

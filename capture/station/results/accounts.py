@@ -67,7 +67,7 @@ def _require_free(kind: str, name: str) -> None:
 
 
 @contextmanager
-def accounts_for_shell_user(folder: StationFolder) -> Iterator[Accounts]:
+def accounts_on_the_terminal(folder: StationFolder) -> Iterator[Accounts]:
     """Yield the accounts for changes that are recorded under the user of this shell."""
     with changing_on_the_terminal(folder) as (changes, who):
         yield Accounts(Users(folder.path), Tokens(folder.path), changes, who)
