@@ -38,11 +38,11 @@ SUFFIX = ".ps4def"
 _KIND = ArchiveKind(
     noun="defect model",
     header="defects.json",
-    version=4,
+    version=5,
     if_missing="make one with ps4rig station teach",
     remedy="teach it again",
     error=DefectModelError,
-    # A model takes 180 kB, and 8 bytes for each of at most 100 good parts.
+    # A model takes 150 kB, and 8 bytes for each of at most 100 good parts.
     max_bytes=2**22,
     max_header_bytes=2**16,
 )
@@ -61,7 +61,7 @@ _CHANNELS = len(CHANNEL_SHARES)
 
 # Shapes of the arrays of a model; None is any length.
 _SHAPES: dict[str, tuple[int | None, ...]] = {
-    "gains": (2, None, None),
+    "gains": (3, None, None),
     "scales": (sum(SIZES),),
     "low_quantiles": (len(DEVIATIONS), QUANTILES),
     "low_excess": (len(DEVIATIONS),),
@@ -167,8 +167,8 @@ class DefectModel:
         """Read a ``.ps4def`` file; DefectModelError, which names it, if it cannot be used."""
         arrays = read_arrays(Path(path), _KIND, _SHAPES)
         gains = arrays["gains"]
-        if len(set(gains.shape[1:])) > 1:
-            raise DefectModelError(f"{path}: its gains are not square; teach it again")
+        if gains.shape[1] != gains.shape[2] // 2 + 1:
+            raise DefectModelError(f"{path}: its gains are not half a square; teach it again")
         for name in _POSITIVE:
             if arrays[name].min() <= 0.0:
                 raise DefectModelError(f"{path}: its {name} are not above 0; teach it again")

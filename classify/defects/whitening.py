@@ -1,8 +1,14 @@
-"""Whitening: relief and albedo divided by the spectrum of their texture.
+"""Whitening: relief and albedo divided by the spectra of their texture.
 
 A filter that divides by the root of the power spectrum turns a stationary texture into white noise
 of variance 1. Divided by the power itself, and correlated with the shape of a defect, it shows that
 defect with the largest possible signal-to-noise ratio (the matched filter of North 1943).
+
+Of two fields the power spectrum is a matrix at each frequency. In many textures low places are
+dark, so that the relief predicts the albedo: what it predicts of a stain's surroundings is taken
+off, and the stain stands out from the rest. The prediction uses the real part of the cross
+spectrum, which is the same for a part that lies upside down: a match knows the orientation of many
+textures modulo 180 degrees only.
 """
 
 from collections.abc import Sequence
@@ -15,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 import scipy.fft
 
-from classify.base.compiling import Array, kernel
+from classify.base.compiling import Array, kernel, kernel_part
 from classify.base.errors import InputError
 from classify.base.threads import map_in_threads, run_on_rows
 from classify.surface.estimate import FloatMap
@@ -43,12 +49,14 @@ HalfSpectrum = npt.NDArray[np.complex64]
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Power of relief (slope along the wave vector) and albedo, (n, n) float64."""
+    """Power of relief (slope along the wave vector) and albedo, and what they share.
 
-    # Zero frequency is in the middle. The orientation is 0, with y up.
+    (n, n) float64 each. Zero frequency is in the middle. The orientation is 0, with y up.
+    """
 
     relief: _Power
     albedo: _Power
+    shared: _Power  # real part of their cross spectrum
 
     @classmethod
     def of(cls, fields: PartFields, orientation_deg: float) -> Self:
@@ -59,7 +67,7 @@ class Spectrum:
         u = np.fft.fftfreq(segment)
         v = -u[:, None]
         length = np.maximum(np.hypot(u, v), 1e-9)
-        relief, albedo = np.zeros((2, segment, segment))
+        relief, albedo, shared = np.zeros((3, segment, segment))
         count = 0
         for top, left in _segment_corners(fields.p.shape, segment):
             piece = np.s_[top : top + segment, left : left + segment]
@@ -69,33 +77,46 @@ class Spectrum:
                 scipy.fft.fft2((plane[piece] - plane[piece].mean()) * window)
                 for plane in (fields.p, fields.q, fields.albedo)
             )
-            relief += np.abs((u * p + v * q) / length) ** 2
+            raised = -1j * (u * p + v * q) / length
+            relief += np.abs(raised) ** 2
             albedo += np.abs(a) ** 2
+            shared += (raised.conj() * a).real
             count += 1
         if count == 0:
             raise InputError(
                 f"no area of {2 * segment} x {2 * segment} px of a good part has enough valid "
                 "pixels; check its light and mask"
             )
-        powers = (scipy.fft.fftshift(power / count) for power in (relief, albedo))
+        powers = (scipy.fft.fftshift(power / count) for power in (relief, albedo, shared))
         return cls(*(_rotated(power, orientation_deg) for power in powers))
 
     def gains(self) -> FloatMap:
-        """(2, n + 1, n + 1) float32 whitening gains of relief and albedo."""
-        gains = []
-        for power in (self.relief, self.albedo):
-            power = _lowest_replaced(power)
-            gain = 1.0 / np.sqrt(power + _FLOOR * power.mean() + 1e-12)
-            gains.append(np.pad(gain, ((0, 1), (0, 1)), mode="wrap"))
-        return np.array(gains, np.float32)
+        """(3, n // 2 + 1, n + 1) float32 gains; the lower half has the same values.
+
+        They are gain of the relief, gain of the albedo beyond what the relief predicts of it, and
+        gain of the white relief in that prediction.
+        """
+        # The window mixes the lowest frequencies with frequency 0: they get the highest power
+        # around them, and nothing is shared.
+        index = np.arange(len(self.relief)) - len(self.relief) // 2
+        radius = np.hypot(index[None, :], index[:, None])
+        lowest, ring = radius < 1.5, (radius >= 1.5) & (radius < 3.0)
+        relief, albedo = (
+            np.where(lowest, power[ring].max(), power) for power in (self.relief, self.albedo)
+        )
+        relief += _FLOOR * relief.mean() + 1e-12
+        albedo += _FLOOR * albedo.mean() + 1e-12
+        # The root of the inverse of the matrix of the powers (Cholesky).
+        predicted = np.where(lowest, 0.0, self.shared) / np.sqrt(relief)
+        gain = 1.0 / np.sqrt(albedo - predicted**2)
+        gains = np.stack([1.0 / np.sqrt(relief), gain, gain * predicted])
+        padded = np.pad(gains, ((0, 0), (0, 0), (0, 1)), mode="wrap")
+        return np.asarray(padded[:, : len(index) // 2 + 1], np.float32)
 
 
 def mean_spectrum(spectra: Sequence[Spectrum]) -> Spectrum:
     """The mean of the spectra of several parts."""
-    return Spectrum(
-        np.mean([spectrum.relief for spectrum in spectra], axis=0),
-        np.mean([spectrum.albedo for spectrum in spectra], axis=0),
-    )
+    return Spectrum(*np.mean([[*vars(spectrum).values()] for spectrum in spectra], axis=0))
 
 
 def white_spectra(
@@ -103,15 +124,15 @@ def white_spectra(
 ) -> tuple[tuple[HalfSpectrum, HalfSpectrum], tuple[HalfSpectrum, HalfSpectrum]]:
     """Half spectra of relief and albedo of a part at `orientation_deg`, in two versions.
 
-    They are divided by the root of their power, and by their power. Raised and bright places are
-    positive.
+    They are divided by the root of the matrix of their powers, and by the matrix. Raised and bright
+    places are positive.
     """
     shape = fields.p.shape
     p, q, a = map_in_threads(scipy.fft.rfft2, [fields.p, fields.q, fields.albedo])
     angle = np.radians(orientation_deg)
     rotation = np.array([np.cos(angle), np.sin(angle)], np.float32)
     relief, albedo = np.empty_like(p), np.empty_like(p)
-    band = _band(shape, gains.shape[1] - 1)
+    band = _band(shape, gains.shape[2] - 1)
     run_on_rows(partial(_apply_gains, p, q, a, gains, band, rotation, relief, albedo), p.shape)
     return (relief, albedo), (p, a)
 
@@ -169,34 +190,42 @@ def _apply_gains(
     """Whiten half spectra into `relief` and `albedo`, and once more into `p` and `a`."""
     rows, half = p.shape
     u_step, v_step = np.float32(0.5 / (half - 1)), np.float32(1.0 / rows)
-    side = np.float32(gains.shape[1] - 1)
-    middle, one = np.float32(0.5), np.float32(1.0)
+    side = np.float32(gains.shape[2] - 1)
+    middle, zero, one = np.float32(0.5), np.float32(0.0), np.float32(1.0)
     c, s = rotation[0], rotation[1]
     for r in range(first, stop):
         v = -v_step * np.float32(r if 2 * r < rows else r - rows)
         for k in range(half):
             u = u_step * np.float32(k)
-            # v is up, and rows of the gains run down.
-            x = min(max((c * u + s * v + middle) * side, np.float32(0.0)), side - one)
-            y = min(max((middle + s * u - c * v) * side, np.float32(0.0)), side - one)
-            column, row = int(x), int(y)
+            # v is up, and rows of the gains run down; only their upper half is there.
+            x, y = c * u + s * v, c * v - s * u
+            if y < zero:
+                x, y = -x, -y
+            x = min(max((middle + x) * side, zero), side - one)
+            y = max((middle - y) * side, zero)
+            column, row = int(x), min(int(y), gains.shape[1] - 2)
             x -= np.float32(column)
             y -= np.float32(row)
-            upper = (one - x) * gains[0, row, column] + x * gains[0, row, column + 1]
-            lower = (one - x) * gains[0, row + 1, column] + x * gains[0, row + 1, column + 1]
-            relief_gain = (one - y) * upper + y * lower
-            upper = (one - x) * gains[1, row, column] + x * gains[1, row, column + 1]
-            lower = (one - x) * gains[1, row + 1, column] + x * gains[1, row + 1, column + 1]
-            albedo_gain = (one - y) * upper + y * lower
+            relief_gain = _bilinear(gains[0], row, column, x, y)
+            albedo_gain = _bilinear(gains[1], row, column, x, y)
+            predicted_gain = _bilinear(gains[2], row, column, x, y)
             scale = band[r, k] * relief_gain / np.sqrt(max(u * u + v * v, np.float32(1e-18)))
             u_scaled, v_scaled = scale * u, scale * v
             # -i times the slope along the wave vector is positive on raised places.
             real = u_scaled * p[r, k].real + v_scaled * q[r, k].real
             imaginary = u_scaled * p[r, k].imag + v_scaled * q[r, k].imag
             relief[r, k] = complex(imaginary, -real)
-            albedo[r, k] = band[r, k] * albedo_gain * a[r, k]
-            p[r, k] = relief_gain * relief[r, k]
+            albedo[r, k] = band[r, k] * albedo_gain * a[r, k] - predicted_gain * relief[r, k]
+            p[r, k] = relief_gain * (relief[r, k] - predicted_gain * albedo[r, k])
             a[r, k] = albedo_gain * albedo[r, k]
+
+
+@kernel_part
+def _bilinear(gains: Array, row: int, column: int, x: np.float32, y: np.float32) -> np.float32:
+    one = np.float32(1.0)
+    upper = (one - x) * gains[row, column] + x * gains[row, column + 1]
+    lower = (one - x) * gains[row + 1, column] + x * gains[row + 1, column + 1]
+    return np.float32((one - y) * upper + y * lower)
 
 
 def _rotated(power: _Power, orientation_deg: float) -> _Power:
@@ -214,12 +243,3 @@ def _rotated(power: _Power, orientation_deg: float) -> _Power:
         borderMode=cv2.BORDER_REPLICATE,
     )  # fmt: skip
     return rotated.astype(np.float64)
-
-
-def _lowest_replaced(power: _Power) -> _Power:
-    """Replace the power at the lowest frequencies by the highest power around them."""
-    # The window mixes them with frequency 0.
-    index = np.arange(len(power)) - len(power) // 2
-    radius = np.hypot(index[None, :], index[:, None])
-    lowest, ring = radius < 1.5, (radius >= 1.5) & (radius < 3.0)
-    return np.where(lowest, power[ring].max(), power)

@@ -79,7 +79,10 @@ def test_a_groove_of_any_width_is_a_defect_of_the_relief(
 def test_a_stain_is_a_defect_of_the_albedo_alone(model, good) -> None:
     found = model.map_of(with_stain(good, 0.4), 0.0)
     assert regions_of(found)[0].kind == "albedo"
-    np.testing.assert_array_equal(found.relief, model.map_of(good, 0.0).relief)
+    # Taught parts have chance correlations of albedo and relief.
+    unstained = model.map_of(good, 0.0).relief
+    np.testing.assert_allclose(found.relief, unstained, atol=0.3)
+    assert np.nanmax(found.relief) < 1.0 < np.nanmax(found.albedo)
 
 
 def test_a_foreign_and_a_missing_texture_are_found(model, good, stationary) -> None:

@@ -74,8 +74,8 @@ def test_arrays_of_other_shapes_or_with_nan_are_refused(saved, name: str) -> Non
 @pytest.mark.parametrize(
     ("field", "value", "cause"),
     [
-        ("version", 5, "use a newer ps4rig"),
-        ("version", 3, "version 3; .* 4; teach it again"),
+        ("version", 6, "use a newer ps4rig"),
+        ("version", 4, "version 4; .* 5; teach it again"),
     ],
 )
 def test_other_headers_are_refused(saved, field: str, value: object, cause: str) -> None:

@@ -1,8 +1,8 @@
 """The bound on linear detectors: a matched filter that knows shape, sign and angle of a defect.
 
 Over texture of power S, the best linear statistic for a known defect d is the sum of d*(k) f(k) /
-S(k). Its signal-to-noise ratio d' is the root of the sum of |d(k)|^2 / S(k) (North 1943). Relief
-and albedo are one field each.
+S(k). Its signal-to-noise ratio d' is the root of the sum of |d(k)|^2 / S(k) (North 1943). For
+relief and albedo together, d and f are vectors and S is a matrix.
 """
 
 from __future__ import annotations
@@ -47,34 +47,32 @@ class MatchedFilters:
 
     def bound(self, case: DefectCase, part: Part, orientation_deg: float) -> Bound:
         """The bound for a defective part; the filter rotates with the texture."""
-        field = 1 if case.kind == "stain" else 0
         white = self._white(part_fields(part.surface), orientation_deg)
         angle_deg = part.angle_deg - orientation_deg
-        d_prime, found = self._response(case, field, white[field], angle_deg, orientation_deg)
+        d_prime, found = self._response(case, white, angle_deg, orientation_deg)
         highest = max(
-            self._response(case, field, each[field], angle_deg, orientation)[1]
+            self._response(case, each, angle_deg, orientation)[1]
             for each, orientation in self._good
         )
         return Bound(d_prime, found > highest)
 
     def _white(self, fields: PartFields, orientation_deg: float) -> npt.NDArray[np.complex64]:
-        """Half spectra of relief and albedo, divided by the root of their power."""
+        """Half spectra of relief and albedo, divided by the root of their powers."""
         return np.array(white_spectra(fields, self._gains, orientation_deg)[0])
 
     def _response(
         self,
         case: DefectCase,
-        field: int,
         white: npt.NDArray[np.complex64],
         angle_deg: float,
         orientation_deg: float,
     ) -> tuple[float, float]:
         """Return d' of a defect, and the highest response of its filter, in standard deviations."""
-        fields = part_fields(_defect(case, angle_deg + orientation_deg, 2 * white.shape[0]))
-        shape = self._white(fields, orientation_deg)[field]
-        sides = (white.shape[0], 2 * (white.shape[1] - 1))
+        fields = part_fields(_defect(case, angle_deg + orientation_deg, 2 * white.shape[1]))
+        shape = self._white(fields, orientation_deg)
+        sides = (white.shape[1], 2 * (white.shape[2] - 1))
         d_prime = math.sqrt(float(np.sum(_inverse(shape, sides) ** 2)))
-        response = _inverse(white * shape.conj(), sides) / max(d_prime, 1e-9)
+        response = _inverse((white * shape.conj()).sum(axis=0), sides) / max(d_prime, 1e-9)
         return d_prime, float(response.max())
 
 
