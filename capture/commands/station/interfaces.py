@@ -72,8 +72,8 @@ def _warning_if_cannot_listen(*, is_needed: bool) -> Iterator[None]:
 @contextmanager
 def running_panel(folder: StationFolder, settings: PanelConfig) -> Iterator[None]:
     """Run the panel's process while the block runs, and print its address."""
-    from capture.station.panel.listening import panel_address, panel_listener
     from capture.station.panel.process import panel_process
+    from capture.station.panel.server import panel_address, panel_listener
 
     def warn(text: str) -> None:
         complain(f"warning: {text}")

@@ -13,10 +13,9 @@ from capture.station.results.audit import newest_changes
 from classify.base.errors import InputError
 from classify.base.models import Record
 
-from .answers import Name, answer
+from .answers import Name, answer, page
 from .guard import V1, ByAdministrator, ByEngineer, ByOperator, Call
 from .login import address_of
-from .render import page
 
 router = APIRouter(prefix=V1)
 pages = APIRouter(include_in_schema=False)

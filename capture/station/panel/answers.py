@@ -1,15 +1,79 @@
-"""Descriptions of the calls of the API: their answers and errors."""
+"""Answers: pages from the templates of this folder, JSON, and their description for the API."""
 
+import json
 from dataclasses import is_dataclass
-from typing import Annotated, Any, get_type_hints
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_type_hints
 
 from fastapi import Response
+from jinja2 import Template
 from pydantic import BaseModel, Field, create_model
+from starlette.responses import HTMLResponse, JSONResponse, StreamingResponse
 
 from capture.base.names import NAME_PATTERN
+from capture.base.page import templates
+from capture.base.utc_time import local_zone
+from capture.station.domain.roles import Role
 from classify.base.models import Record
 
+if TYPE_CHECKING:
+    from .guard import Call
+
+_HERE = Path(__file__).parent
+STATIC = _HERE / "static"
+
+
+# Address, name and lowest role of the pages in the menu.
+_MENU = (
+    ("/", "Station", Role.OPERATOR),
+    ("/history", "History", Role.OPERATOR),
+    ("/statistics", "Statistics", Role.OPERATOR),
+    ("/recipes", "Recipes", Role.OPERATOR),
+    ("/accounts", "Accounts", Role.ADMINISTRATOR),
+    ("/changes", "Changes", Role.ENGINEER),
+    ("/api", "API", Role.OPERATOR),
+)
 Name = Annotated[str, Field(pattern=NAME_PATTERN)]
+
+
+class JsonAnswer(JSONResponse):
+    """JSON in ASCII, which also holds what UTF-8 cannot, and without NaN."""
+
+    def render(self, content: Any) -> bytes:
+        """Return the text of the answer."""
+        return json.dumps(content, allow_nan=False).encode()
+
+
+def page(call: "Call", template: str, status: int = 200, **values: Any) -> HTMLResponse:
+    """Return the page of a template with some values."""
+    page_template, values = _template(call, template, status, values)
+    return HTMLResponse(page_template.render(values), status)
+
+
+def slow_page(call: "Call", template: str, status: int = 200, **values: Any) -> StreamingResponse:
+    """Return a page that is sent while a thread still makes the rest of it."""
+    page_template, values = _template(call, template, status, values)
+    return StreamingResponse(page_template.generate(values), status, media_type="text/html")
+
+
+def _template(
+    call: "Call", template: str, status: int, values: dict[str, Any]
+) -> tuple[Template, dict[str, Any]]:
+    """Return a template, and its values with those of every page."""
+    who = call.who
+    menu = [each for each in _MENU if who is not None and who.role.includes(each[-1])]
+    common_values = {
+        "who": who,
+        "status": status,
+        "menu": menu,
+        "station": call.panel.folder.config.name,
+        "live": call.panel.live.snapshot(),
+        "path": call.request.url.path,
+        "zone": local_zone(),
+        "version": version("ps4rig"),
+    }
+    return templates(_HERE / "templates").get_template(template), common_values | values
 
 
 def answer(model: str, base: type = Record, /, *left_out: str, **fields: Any) -> type[BaseModel]:

@@ -37,14 +37,12 @@ from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Accepted, Refused, Trigger
 from classify.base.models import Record
 
-from .answers import Name, answer, media
+from .answers import JsonAnswer, Name, answer, media
 from .event_stream import subscribed
 from .filters import Filters
 from .guard import V1, ByEngineer, ByOperator, Call, Turn
-from .metrics import MEDIA_TYPE, metrics_text
+from .judged_by import stored_set
 from .panel import Panel
-from .part_pictures.judged_by import stored_set
-from .render import JsonAnswer
 from .security import Denied
 from .triggering import MAX_KEY_LENGTH
 
@@ -361,9 +359,3 @@ def _override(call: ByEngineer, part_id: str, given: OverrideFields) -> Response
 def _audit(call: ByEngineer, limit: _Limit = PARTS) -> dict[str, Any]:
     """Who changed what, the newest first."""
     return {"changes": newest_changes(call.panel.results.store, limit)}
-
-
-@router.get("/metrics", **media(MEDIA_TYPE))
-def _metrics(call: ByOperator) -> Response:
-    """Figures of this run for Prometheus."""
-    return Response(metrics_text(call.panel.live.snapshot()), media_type=MEDIA_TYPE)

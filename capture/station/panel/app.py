@@ -20,29 +20,26 @@ from capture.station.panel import (
     accounts,
     api,
     event_stream,
-    history_page,
     login,
-    part_page,
     pictures_api,
+    result_pages,
     statistics_api,
 )
+from capture.station.panel.recipes import recipe_pages, recipes_api
 from capture.station.results.database import ResultsUnavailable
 from classify.base.errors import InputError, Ps4rigError
 from classify.base.models import in_words
 
-from .answers import ERRORS
+from .answers import ERRORS, STATIC, JsonAnswer, page
 from .guard import V1, ByOperator, Call, identity_of, without_login
 from .panel import Panel
-from .recipes import recipe_pages, recipes_api
-from .render import STATIC, JsonAnswer, page
 from .security import STATIC_PATH, BodyLimit, Denied, HostRule, SecureHeaders
 
 _log = logging.getLogger(__name__)
 _description = APIRouter()
 _ROUTERS: tuple[APIRouter, ...] = (
     login.router,
-    history_page.router,
-    part_page.router,
+    result_pages.router,
     recipe_pages.router,
     api.router,
     pictures_api.router,

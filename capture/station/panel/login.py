@@ -9,8 +9,8 @@ from starlette.responses import RedirectResponse, Response
 from capture.station.domain.users import KIOSK
 from capture.station.results.database import ResultsUnavailable
 
+from .answers import page
 from .guard import ByAnybody, ByOperator, Call, session_cookie
-from .render import page
 
 router = APIRouter(include_in_schema=False)
 # A path on this station: it begins with one slash; two would begin the name of a host.

@@ -12,7 +12,7 @@ from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import Subscription
 
 from .background_jobs import BackgroundJobs
-from .part_pictures.picture_maker import PictureMaker
+from .part_pictures import PictureMaker
 from .security import Slots
 from .sessions import LoginLimit, Sessions
 from .station_link import StationLink

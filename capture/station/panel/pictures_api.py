@@ -15,14 +15,12 @@ from capture.station.results.history import HistoryEntry
 from capture.station.results.part_result import DefectRecord
 from classify.base.errors import InputError
 
-from .answers import answer, media
+from .answers import JsonAnswer, answer, media
 from .api import entry_of
 from .guard import V1, ByOperator, Call
-from .part_pictures.judged_by import stored_set
-from .part_pictures.painting import SIZES, PaintedPicture
-from .part_pictures.part_view import Outline
-from .part_pictures.picture_maker import PartPictures
-from .render import JsonAnswer
+from .judged_by import stored_set
+from .part_pictures import SIZES, PaintedPicture, PartPictures
+from .part_view import Outline
 from .security import Denied
 
 # Browsers cache pictures, and revalidate them before each use.

@@ -21,8 +21,8 @@ def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
 
     from capture.station.domain.config import CONFIG
     from capture.station.domain.folder import StationFolder, make_station
-    from capture.station.panel.listening import panel_address, panel_listener
     from capture.station.panel.process import panel_process
+    from capture.station.panel.server import panel_address, panel_listener
     from capture.station.run.bench import run_bench
     from capture.station.run.events import Event, PartAnnounced
     from capture.station.run.live_socket import serving_live

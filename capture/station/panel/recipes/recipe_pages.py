@@ -15,10 +15,9 @@ from capture.station.judge.challenge_set import EXPECTED, challenge_sets
 from capture.station.judge.recipe_changes import RecipeChanges
 from capture.station.judge.recipe_settings import SettingsRefused
 from capture.station.judge.recipe_state import RecipeState
-from capture.station.panel.answers import Name
+from capture.station.panel.answers import Name, page
 from capture.station.panel.api import Below
 from capture.station.panel.guard import ByEngineer, ByOperator, Call
-from capture.station.panel.render import page
 from capture.station.panel.security import Denied
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.run.events import RecipeLoaded

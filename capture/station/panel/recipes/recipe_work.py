@@ -10,8 +10,8 @@ from capture.station.judge.challenge import Replay
 from capture.station.judge.challenge_set import Expected
 from capture.station.judge.recipe_changes import RecipeChanges, replay_title, teaching_title
 from capture.station.panel.background_jobs import Job, Work
+from capture.station.panel.judged_by import stored_set
 from capture.station.panel.panel import Panel
-from capture.station.panel.part_pictures.judged_by import stored_set
 from capture.station.panel.security import Denied
 from classify.base.errors import InputError
 from classify.methods import checked_label

@@ -15,10 +15,9 @@ from capture.station.judge.challenge import Replay
 from capture.station.judge.challenge_set import Expected, challenge_sets
 from capture.station.judge.recipe_changes import RecipeChanges
 from capture.station.judge.recipe_settings import SettingsRefused, dotted
-from capture.station.panel.answers import Name, answer
+from capture.station.panel.answers import JsonAnswer, Name, answer
 from capture.station.panel.background_jobs import Job
 from capture.station.panel.guard import V1, ByEngineer, ByOperator, Call
-from capture.station.panel.render import JsonAnswer
 from capture.station.panel.security import Denied
 from capture.station.run.events import RecipeLoaded
 from capture.station.run.triggers import RecipeRefused

@@ -14,8 +14,8 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.fault import Fault
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.panel.part_pictures import picture_maker
-from capture.station.panel.part_pictures.picture_maker import PartPictures
+from capture.station.panel import part_pictures
+from capture.station.panel.part_pictures import PartPictures
 from capture.station.panel.security import Denied, Slots
 from capture.station.results.part_result import PartResult
 from tests.capture.station.panel.pages import logged_in
@@ -341,14 +341,14 @@ def test_a_refused_stream_is_asked_for_again_without_leaving_the_page(
 def test_pictures_that_failed_are_asked_for_again(
     panel: RunningPanel, browser: Chromium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made, failures = picture_maker.made_pictures, [Denied(503, "too many parts wait")] * 2
+    made, failures = part_pictures.made_pictures, [Denied(503, "too many parts wait")] * 2
 
     def fails_at_first(*about: Any) -> PartPictures:
         if failures:
             raise failures.pop()
         return made(*about)
 
-    monkeypatch.setattr(picture_maker, "made_pictures", fails_at_first)
+    monkeypatch.setattr(part_pictures, "made_pictures", fails_at_first)
     panel.bench.inspector.inspect = lambda _: Said(VERDICTS[Decision.FAIL])
     (part_id,) = panel.parts(1)
     page = browser.page(panel.url)
@@ -365,13 +365,13 @@ def test_pictures_that_failed_are_asked_for_again(
 def test_all_pages_show_the_pictures_of_the_same_parts(
     panel: RunningPanel, browser: Chromium, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made, parts = picture_maker.made_pictures, []
+    made, parts = part_pictures.made_pictures, []
 
     def noted(folder: Any, result: PartResult, *about: Any) -> PartPictures:
         parts.append(result.part_id)
         return made(folder, result, *about)
 
-    monkeypatch.setattr(picture_maker, "made_pictures", noted)
+    monkeypatch.setattr(part_pictures, "made_pictures", noted)
     panel.until_ready()
     pages = [browser.page(panel.url, alone=True) for _ in range(3)]
     for page in pages:

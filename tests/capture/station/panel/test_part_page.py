@@ -8,9 +8,9 @@ import pytest
 
 from capture.station.domain.roles import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.panel.part_pictures import picture_maker
-from capture.station.panel.part_pictures.painting import PaintedPicture, painted
-from capture.station.panel.part_pictures.part_view import PartView
+from capture.station.panel import part_pictures
+from capture.station.panel.part_pictures import PaintedPicture, painted
+from capture.station.panel.part_view import PartView
 from capture.station.results.part_result import DefectRecord, PartResult
 from capture.station.results.removals import record_removals
 from tests.accessibility import grave_findings
@@ -249,7 +249,7 @@ def test_pictures_of_an_earlier_part_are_blanked_with_their_age(
     told = page.value("document.querySelector('.picture .age').textContent")
     assert re.fullmatch(f"picture of {part_id}, \\d+ (s|min) old", told)
     # The second part has no picture of its shadows, and that of the first is no stand-in.
-    monkeypatch.setattr(picture_maker, "painted", without_shadow)
+    monkeypatch.setattr(part_pictures, "painted", without_shadow)
     judging.set()
     page.until(f"{fresh} >= 7")
     named = page.value(

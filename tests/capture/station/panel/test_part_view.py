@@ -14,11 +14,11 @@ from capture.station.domain.recipe import Region
 from capture.station.domain.recipe_file import write_recipe
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.judge.inspector import Inspector
-from capture.station.panel.part_numbers import measured_numbers
-from capture.station.panel.part_pictures import part_view as part_view_module
-from capture.station.panel.part_pictures.judged_by import judged_by, recipe_of
-from capture.station.panel.part_pictures.painting import SIZES, painted
-from capture.station.panel.part_pictures.part_view import part_view
+from capture.station.panel import part_view as part_view_module
+from capture.station.panel.judged_by import judged_by, recipe_of
+from capture.station.panel.part_pictures import SIZES, painted
+from capture.station.panel.part_view import part_view
+from capture.station.panel.result_pages import measured_numbers
 from capture.station.results.part_result import PartResult
 from classify.base.errors import InputError
 from classify.defects.defect_map import KINDS

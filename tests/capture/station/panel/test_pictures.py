@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.panel import pictures_api
-from capture.station.panel.part_pictures import picture_maker
-from capture.station.panel.part_pictures.painting import PaintedPicture
-from capture.station.panel.part_pictures.picture_maker import MAX_WAITING
+from capture.station.panel import part_pictures, pictures_api
+from capture.station.panel.part_pictures import MAX_WAITING, PaintedPicture
 from capture.station.results.history import Selection
 from capture.station.results.removals import record_removals
 from rig.set_file import pixels_sha256
@@ -137,7 +135,7 @@ def test_pictures_are_made_once_for_all_who_ask_and_a_full_queue_says_so(
         assert going_on.wait(60)
         return {}
 
-    monkeypatch.setattr(picture_maker, "painted", slow)
+    monkeypatch.setattr(part_pictures, "painted", slow)
     result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
     path, maker = set_file(panel, part_id), panel.panel.pictures
     future = maker.request(result, path, "small")
@@ -164,8 +162,8 @@ def test_the_memory_of_kept_pictures_is_bounded(
         made.append(size)
         return {"albedo": PaintedPicture("", "", "image/jpeg", content)}
 
-    monkeypatch.setattr(picture_maker, "painted", paint)
-    monkeypatch.setattr(picture_maker, "MAX_CACHE_BYTES", 2500)
+    monkeypatch.setattr(part_pictures, "painted", paint)
+    monkeypatch.setattr(part_pictures, "MAX_CACHE_BYTES", 2500)
     result = next(panel.bench.store.parts(Selection(part_id=part_id))).result
     path, maker = set_file(panel, part_id), panel.panel.pictures
 
@@ -196,7 +194,7 @@ def test_pictures_that_take_too_long_are_an_answer_to_be_tried_again(
     (part_id,) = panel.parts(1)
     going_on = threading.Event()
     monkeypatch.setattr(pictures_api, "MAX_WAIT_S", 0.05)
-    monkeypatch.setattr(picture_maker, "made_pictures", lambda *_: going_on.wait(60))
+    monkeypatch.setattr(part_pictures, "made_pictures", lambda *_: going_on.wait(60))
     answer = panel.local.get(f"/api/v1/parts/{part_id}/pictures")
     going_on.set()
     assert (answer.status, answer.headers["retry-after"]) == (503, "2")

@@ -18,7 +18,7 @@ from capture.station.domain.folder import make_station
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.roles import Role
 from capture.station.domain.users import Users
-from capture.station.panel import event_stream, listening, security, server
+from capture.station.panel import event_stream, security, server
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule, Slots
 from capture.station.panel.server import MAX_CONNECTIONS, MAX_CONNECTIONS_OF_AN_ADDRESS, REFUSED_S
 from capture.station.panel.sessions import (
@@ -262,7 +262,7 @@ def hurried(tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPat
     """Make the deadlines short."""
     monkeypatch.setattr(server, "HEAD_S", SHORT_S)
     monkeypatch.setattr(server, "SEND_S", SHORT_S)
-    monkeypatch.setattr(listening, "SEND_S", SHORT_S)
+    monkeypatch.setattr(server, "SEND_S", SHORT_S)
     monkeypatch.setattr(security, "BODY_S", SHORT_S)
     with running_panel(tmp_path / "line-1", captured) as running:
         yield running

@@ -10,12 +10,13 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_folder import RecipeFolder
 from capture.station.domain.taught import read_taught
 from capture.station.domain.taught_files import models_of
-from capture.station.panel.security import Denied
 from capture.station.results.history import HistoryEntry
 from capture.station.results.part_result import PartResult
 from classify import DefectModel, Method, TextureLibrary
 from classify.base.errors import InputError
 from classify.base.models import read_toml_as
+
+from .security import Denied
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,1 +1,0 @@
-"""Pictures of stored parts, and the recipe, solver and defect model that judged them."""
