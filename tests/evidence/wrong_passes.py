@@ -21,13 +21,12 @@ from typing import NamedTuple
 
 from capture.base.console import progress
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder
 from capture.station.domain.verdict import Decision
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
-
-from .faulty_parts import FAULTS, GOOD, LOCAL, Fault, kept_parts
-from .visibility import holes_seen, seen_by_filter
+from tests.evidence.faulty_parts import FAULTS, GOOD, LOCAL, Fault, kept_parts
+from tests.evidence.visibility import holes_seen, seen_by_filter
 
 TEXTURES = 12
 _TAUGHT = 25

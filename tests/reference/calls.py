@@ -2,7 +2,7 @@
 
 from typing import get_args
 
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.panel.app import DESCRIPTION
 from capture.station.panel.guard import V1

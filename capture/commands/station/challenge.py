@@ -57,7 +57,7 @@ def challenge(
     """
     from capture.station.domain.folder import StationFolder, first_recipe
     from capture.station.judge.challenge import run_challenge
-    from capture.station.judge.gauge.fault_study import large_faults
+    from capture.station.judge.fault_study import large_faults
     from capture.station.judge.inspector import Inspector
     from capture.station.judge.recipe_changes import recipe_on_the_terminal
 

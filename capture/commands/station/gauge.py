@@ -15,8 +15,8 @@ from .teach import Station
 
 if TYPE_CHECKING:
     from capture.station.domain.folder import StationFolder
-    from capture.station.domain.recipe_folder import RecipeFolder
-    from capture.station.judge.gauge.gauge import Presentation
+    from capture.station.domain.recipe_file import RecipeFolder
+    from capture.station.judge.gauge import Presentation
 
 # Largest number of taught parts per texture in the fault study. Each is judged with every simulated
 # fault.
@@ -63,9 +63,8 @@ def gauge(
     acceptable.
     """
     from capture.station.domain.folder import StationFolder, first_recipe
-    from capture.station.judge.gauge.fault_study import keep_study, study_faults
-    from capture.station.judge.gauge.gauge import GaugeStudy
-    from capture.station.judge.gauge.gauge_report import GaugeReport
+    from capture.station.judge.fault_study import keep_study, study_faults
+    from capture.station.judge.gauge import GaugeReport, GaugeStudy
     from capture.station.judge.inspector import Inspector
     from classify.base.durable_file import make_folder
 
@@ -110,8 +109,8 @@ class _StudySource(NamedTuple):
 def _simulated_presentations(
     station: StationFolder, files: RecipeFolder, count: int, times: int, seed: int
 ) -> tuple[Sequence[Presentation], _StudySource]:
-    from capture.station.judge.gauge.simulated_gauge import known_parts, present
     from capture.station.judge.inspector import Inspector
+    from capture.station.judge.simulated_gauge import known_parts, present
 
     rig_config = station.rig_config()
     inspector = Inspector.load(files, rig_config.calibration)
@@ -128,7 +127,7 @@ def _recorded_presentations(
     station: StationFolder, recipe: str, known: Path
 ) -> tuple[Sequence[Presentation], _StudySource]:
     """Return the presentations that a recipe judged: of production, or else of a simulated rig."""
-    from capture.station.judge.gauge.gauge import presentations_of, read_known_parts
+    from capture.station.judge.gauge import presentations_of, read_known_parts
     from capture.station.results.history import Selection
     from capture.station.results.store import open_store
     from classify.base.errors import InputError

@@ -59,8 +59,7 @@ def history(
 
     Parts of a simulated rig do not belong to production: they are left out and counted apart.
     """
-    from capture.station.results.history import Selection
-    from capture.station.results.history_table import json_pieces, write_csv
+    from capture.station.results.history import Selection, json_pieces, write_csv
     from capture.station.results.utc import utc_bound
 
     if json and csv:

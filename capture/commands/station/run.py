@@ -84,7 +84,7 @@ def run(
     from capture.station.run.events import text_lines
     from capture.station.run.live_station import LiveStation
     from capture.station.run.run import RunOptions, run_station
-    from capture.station.service.notify import Notifier
+    from capture.station.service.systemd import Notifier
     from rig.config.lights import led_names
     from rig.config.rig import config_of
 

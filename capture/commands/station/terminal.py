@@ -7,7 +7,7 @@ from capture.base.console import complain, out
 from capture.station.run.events import Warned, text_lines
 from capture.station.run.live_station import Subscriber
 from capture.station.run.live_view import LiveEvent
-from capture.station.service.journal import Journal, is_connected_to_journal
+from capture.station.service.systemd import Journal, is_connected_to_journal
 
 _STDOUT = 1
 

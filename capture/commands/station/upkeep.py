@@ -35,7 +35,7 @@ def doctor(folder: Station, as_json: options.Json = False) -> None:
     the unit of the station. The exit status is 1 if there is a fault.
     """
     from capture.station.run.diagnosis import diagnose_station
-    from capture.station.service.unit_check import diagnose_unit
+    from capture.station.service.unit import diagnose_unit
 
     print_checks([*diagnose_station(folder), *diagnose_unit(folder)], as_json=as_json)
 
@@ -94,8 +94,7 @@ def restore(
     from capture.station.domain.config import CONFIG
     from capture.station.domain.folder import StationFolder
     from capture.station.results.database import database_url, safe_url
-    from capture.station.service.backup import DUMP
-    from capture.station.service.restore import opened_backup
+    from capture.station.service.backup import DUMP, opened_backup
 
     with opened_backup(path) as opened:
         manifest = opened.manifest

@@ -34,7 +34,7 @@ def add_user(folder: _Folder, name: _UserName, role: _RoleName) -> None:
     The password is asked for, or is the first line of the standard input.
     """
     from capture.station.domain.folder import StationFolder
-    from capture.station.domain.roles import Role
+    from capture.station.domain.users import Role
     from capture.station.results.accounts import accounts_on_the_terminal
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:
@@ -91,7 +91,7 @@ def list_users(folder: _Folder) -> None:
 def add_token(folder: _Folder, name: _ClientName, role: _RoleName) -> None:
     """Add an API client and print its token, which is not stored."""
     from capture.station.domain.folder import StationFolder
-    from capture.station.domain.roles import Role
+    from capture.station.domain.users import Role
     from capture.station.results.accounts import accounts_on_the_terminal
 
     with accounts_on_the_terminal(StationFolder(folder)) as accounts:

@@ -18,7 +18,7 @@ from rig.config.rig import config_of
 from .config import CONFIG, StationConfig, example_config, read_config
 from .errors import RecipeError
 from .own_folder import require_own_folder
-from .recipe_folder import RecipeFolder
+from .recipe_file import RecipeFolder
 
 RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
 _LOCK = "station.lock"

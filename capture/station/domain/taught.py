@@ -1,25 +1,68 @@
-"""`Taught`: measurements on the taught parts of a recipe, as a JSON file."""
+"""`Taught`: measurements on the taught parts of a recipe, and the models that teaching made."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field, FiniteFloat, NonNegativeFloat, PositiveFloat
 
 from capture.base.names import Label, Name
 from capture.calibration.setting import Setting
-from capture.station.domain.errors import RecipeError
+from classify import DefectModel
 from classify.base.errors import InputError
 from classify.base.models import Record
+from classify.pieces.piece_model import PieceModel
 from rig.set_file import fields_sha256
 
-from .least_found import LeastFound
-from .recipe import Region, Sha256
+from .errors import RecipeError
+from .recipe import Recipe, Region, Sha256
+from .recipe_file import RecipeFolder, TaughtFiles
 
 # 10,000 parts with their hashes take 2 MB.
 _MAX_BYTES = 1 << 24
+
+
+class LeastFound(Record):
+    """The weakest defect of a kind and size that is found in 9 of 10 places."""
+
+    kind: Literal["scratch", "dent", "stain"]
+    size_px: PositiveFloat  # width of a scratch, diameter of the others
+    # Depth in px, or contrast as a share of the albedo; None if the strongest is not found.
+    strength: NonNegativeFloat | None
+    strongest: FiniteFloat  # depth or contrast that was tried
+    mm_per_px: PositiveFloat | None = None
+
+    @property
+    def is_stain(self) -> bool:
+        """Whether its strength is a contrast."""
+        return self.kind == "stain"
+
+    def __str__(self) -> str:
+        what = f"a {self.kind} {self._length(self.size_px)} wide"
+        strength = self.strongest if self.strength is None else self.strength
+        how = f"{strength:.0%} darker" if self.is_stain else f"{self._length(strength)} deep"
+        if self.strength is None:
+            return f"{what} is not found in 9 of 10 places, even if {how}"
+        return f"{what} must be {how} to be found in 9 of 10 places"
+
+    def fields(self) -> dict[str, Any]:
+        """Return it as fields of JSON; a depth or contrast of null is not found."""
+        unit = "contrast" if self.is_stain else "depth_px"
+        found = {"kind": self.kind, "size_px": self.size_px, unit: self.strength}
+        if self.mm_per_px is not None:
+            found["size_mm"] = self.size_px * self.mm_per_px
+            if not self.is_stain:
+                strength = self.strength
+                found["depth_mm"] = None if strength is None else strength * self.mm_per_px
+        return found | {"text": str(self)}
+
+    def _length(self, length_px: float) -> str:
+        if self.mm_per_px is None:
+            return f"{length_px:.2g} px"
+        return f"{length_px:.2g} px ({length_px * self.mm_per_px:.2g} mm)"
 
 
 class TaughtSet(Record):
@@ -90,3 +133,76 @@ def read_taught(path: Path) -> Taught:
         return Taught.read(path, _MAX_BYTES, "run ps4rig station teach")
     except InputError as error:
         raise RecipeError(str(error)) from error
+
+
+def taught_for(recipe: Recipe, files: RecipeFolder) -> Taught:
+    """Read the measurements of teaching for a recipe, and check that they cover the recipe."""
+    if recipe.taught is None:
+        raise RecipeError(f"{files.file}: was never taught; run ps4rig station teach")
+    path = files.version(recipe.version).taught
+    taught = read_taught(path)
+    check_unchanged(recipe, path, taught.sha256, recipe.taught)
+    if taught.region != recipe.region:
+        raise RecipeError(
+            f"{files.file}: region is {recipe.region or 'the whole image'}, taught was "
+            f"{taught.region or 'the whole image'}; run ps4rig station teach"
+        )
+    missing = next((name for name in recipe.passes if name not in taught.textures), None)
+    if missing is not None or not recipe.passes:
+        problem = "is empty" if missing is None else f"names {missing!r}, which was not taught"
+        raise RecipeError(
+            f"{files.file}: pass {problem}; taught are {', '.join(map(repr, taught.textures))}; "
+            "correct pass, or run ps4rig station teach"
+        )
+    for name in recipe.passes:
+        _models_of(recipe, taught, name)
+    return taught
+
+
+@dataclass(frozen=True, eq=False)
+class TextureModels:
+    """What teaching learned of one texture that passes."""
+
+    defects: DefectModel
+    pieces: PieceModel
+
+
+def models_of(files: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> TextureModels:
+    """Load the models of a texture that passes."""
+    (defects_file, defects_sha256), (pieces_file, pieces_sha256) = _models_of(
+        recipe, taught, texture
+    )
+    defects = DefectModel.load(files.folder / defects_file)
+    check_unchanged(recipe, files.folder / defects_file, defects.sha256, defects_sha256)
+    pieces = PieceModel.load(files.folder / pieces_file)
+    check_unchanged(recipe, files.folder / pieces_file, pieces.sha256, pieces_sha256)
+    return TextureModels(defects, pieces)
+
+
+def check_unchanged(recipe: Recipe, path: Path, sha256: str, taught: str) -> None:
+    """Check that a file has the hash that it had when the recipe was taught."""
+    if sha256 != taught:
+        raise RecipeError(
+            f"{path}: was changed since recipe {recipe.name} was taught; run ps4rig station teach"
+        )
+
+
+def _models_of(
+    recipe: Recipe, taught: Taught, texture: str
+) -> tuple[tuple[str, str], tuple[str, str]]:
+    """File and hash of the defect model of a texture, and of its piece model."""
+    measured = taught.textures[texture]
+    if (
+        measured.defects_file is None
+        or measured.defects_sha256 is None
+        or measured.pieces_file is None
+        or measured.pieces_sha256 is None
+    ):
+        raise RecipeError(
+            f"recipe {recipe.name}: pass names {texture!r}, which was taught as a bad texture; run "
+            "ps4rig station teach"
+        )
+    return (measured.defects_file, measured.defects_sha256), (
+        measured.pieces_file,
+        measured.pieces_sha256,
+    )

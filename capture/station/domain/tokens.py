@@ -13,7 +13,7 @@ from classify.base.models import Section, validated
 
 from .errors import Conflict, NotThere
 from .private_file import PrivateFile
-from .roles import Role, require_name
+from .users import Role, require_name
 
 _FILE = "tokens.json"
 _MAX_CLIENTS = 1000

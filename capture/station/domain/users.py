@@ -1,23 +1,25 @@
-"""`Users`: the people who may use a station's panel, in ``users.json`` of its folder."""
+"""`Users`: the people who may use a station's panel, in ``users.json``, and their roles."""
 
 import re
 import secrets
 import threading
 import unicodedata
 from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
 from pathlib import Path
+from typing import Literal
 
 from argon2 import PasswordHasher
 from argon2.exceptions import Argon2Error, InvalidHashError
 from pydantic import Field, field_validator
 
-from capture.base.names import Name
+from capture.base.names import Name, file_name
 from classify.base.errors import InputError
 from classify.base.models import Section
 
 from .errors import Conflict, NotThere
 from .private_file import PrivateFile
-from .roles import Role, require_name
 
 _FILE = "users.json"
 _MAX_USERS = 1000
@@ -29,6 +31,41 @@ KIOSK = "kiosk"
 _PIN = re.compile(r"[0-9]{6,12}")
 # The defaults of argon2-cffi are the second recommendation of RFC 9106: 64 MiB, 3 passes.
 HASHER = PasswordHasher()
+
+
+class Role(StrEnum):
+    """A role; each one includes the permissions of the previous one."""
+
+    OPERATOR = "operator"  # sees everything, triggers, acknowledges
+    ENGINEER = "engineer"  # overrides verdicts, teaches, approves, changes settings
+    ADMINISTRATOR = "administrator"  # users and tokens
+
+    def includes(self, other: "Role") -> bool:
+        """Whether this role may do what `other` may."""
+        order = tuple(Role)
+        return order.index(self) >= order.index(other)
+
+
+@dataclass(frozen=True)
+class Identity:
+    """A person or a program that asks for something."""
+
+    name: str
+    role: Role
+    # ``this machine`` while the station has no users.
+    via: Literal["page", "kiosk", "API", "command", "this machine"]
+    csrf: str = ""  # token that a change from this session must carry; empty for others
+
+
+def require_name(kind: str, name: str) -> None:
+    """Check the name of a user or client."""
+    try:
+        file_name(name)
+    except ValueError as error:
+        raise InputError(
+            f"{kind} name {name[:100]!r}: up to 100 letters, digits and _ . -, the first a letter "
+            "or digit"
+        ) from error
 
 
 class User(Section):
@@ -80,7 +117,7 @@ class Users:
 
         `record` gets the present user, or None, before the change, and may raise to prevent it.
         """
-        user = User(name=name, role=role, password=self._hash(require_account(name, password)))
+        user = User(name=name, role=role, password=self._hash(_require_account(name, password)))
         with self._file.changing():
             before, others = self._split(name)
             if seen is not None and before != seen:
@@ -134,7 +171,7 @@ def _require_administrator(users: tuple[User, ...], changed: User | None) -> Non
         raise Conflict(f"user {changed.name}: is the last administrator; add another one first")
 
 
-def require_account(name: str, password: str) -> str:
+def _require_account(name: str, password: str) -> str:
     """Check name and password of a new user; return the password in its normal form."""
     require_name("user", name)
     if name == KIOSK and not _PIN.fullmatch(password):

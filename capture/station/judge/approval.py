@@ -5,12 +5,12 @@ from collections.abc import Callable
 from capture.base.utc_time import utc_text
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Approval, Recipe
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.judge.gauge.fault_study import require_large_faults_found
-from capture.station.judge.inspector import Inspector
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from classify.base.errors import InputError
 from classify.base.models import read_toml_as, validated
+
+from .fault_study import require_large_faults_found
+from .inspector import Inspector
 
 RecordChange = Callable[[Recipe, Recipe], None]
 """Called with the old and the new recipe before the new one is written; may raise to prevent it."""

@@ -11,14 +11,14 @@ from capture.base.utc_time import utc_text
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.errors import ChallengeFailed
 from capture.station.domain.fault import fault_of
-from capture.station.domain.recipe_folder import RecipeFolder, file_sha256
+from capture.station.domain.recipe_file import RecipeFolder, file_sha256
 from capture.station.domain.verdict import Decision, Verdict
-from capture.station.judge.fingerprint import Fingerprint
-from capture.station.judge.inspector import Inspector
 from classify.base.errors import InputError
 from classify.base.models import Record
 
 from .challenge_set import MAX_SETS, Expected, read_challenge
+from .fingerprint import Fingerprint
+from .inspector import Inspector
 
 # 10,000 parts of 600 bytes.
 _MAX_BYTES = 1 << 23

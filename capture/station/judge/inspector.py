@@ -21,10 +21,9 @@ from capture.calibration.setting import PartName, Setting
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.limits import LimitedMeasures, Limits
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.recipe_folder import RecipeFolder, file_sha256
-from capture.station.domain.taught import Taught
-from capture.station.domain.taught_files import (
+from capture.station.domain.recipe_file import RecipeFolder, file_sha256, read_recipe
+from capture.station.domain.taught import (
+    Taught,
     TextureModels,
     check_unchanged,
     models_of,

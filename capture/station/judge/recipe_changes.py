@@ -10,24 +10,24 @@ from capture.base.console import ShowProgress
 from capture.station.domain.errors import error_text
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.domain.roles import Identity
-from capture.station.judge.approval import approve, approved_states, require_unchanged, roll_back
-from capture.station.judge.challenge import Replay, run_challenge
-from capture.station.judge.challenge_set import (
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe
+from capture.station.domain.users import Identity
+from capture.station.results.audit import ChangeLog, changing_on_the_terminal
+from capture.station.results.database import ResultsUnavailable
+
+from .approval import approve, approved_states, require_unchanged, roll_back
+from .challenge import Replay, run_challenge
+from .challenge_set import (
     Expected,
     add_to_challenge,
     challenge_sets,
     remove_from_challenge,
 )
-from capture.station.judge.inspector import Inspector
-from capture.station.judge.recipe_settings import save_settings, setting_changes, with_settings
-from capture.station.judge.recipe_state import RecipeState, state_of
-from capture.station.judge.teaching.teaching import teach
-from capture.station.judge.teaching.teaching_result import Teaching
-from capture.station.results.audit import ChangeLog, changing_on_the_terminal
-from capture.station.results.database import ResultsUnavailable
+from .inspector import Inspector
+from .recipe_settings import save_settings, setting_changes, with_settings
+from .recipe_state import RecipeState, state_of
+from .teaching.teaching import teach
+from .teaching.teaching_result import Teaching
 
 _T = TypeVar("_T")
 

@@ -8,8 +8,7 @@ from pydantic import ValidationError
 
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from classify.base.models import messages_by_place
 
 from .approval import RecordChange, require_unchanged

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 from capture.base.utc_time import local_time
 from capture.calibration.lookup import FoundCalibration
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.domain.taught_files import taught_for
-from capture.station.judge.challenge import Replay, last_replay, valid_replay
-from capture.station.judge.challenge_set import read_challenge
-from capture.station.judge.fingerprint import Fingerprint
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe
+from capture.station.domain.taught import taught_for
 from classify.base.errors import InputError
+
+from .challenge import Replay, last_replay, valid_replay
+from .challenge_set import read_challenge
+from .fingerprint import Fingerprint
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from capture.station.results.part_id import require_given_part_id
-from capture.station.results.part_result import PartResult
+from capture.station.results.part_result import PartResult, require_given_part_id
 from capture.station.run.events import (
     ExposureComplete,
     PartAnnounced,

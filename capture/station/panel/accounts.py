@@ -6,8 +6,7 @@ from fastapi import APIRouter
 from pydantic import Field, conlist
 from starlette.responses import RedirectResponse, Response
 
-from capture.station.domain.roles import Role
-from capture.station.domain.users import MAX_PASSWORD_LENGTH, MIN_PASSWORD_LENGTH
+from capture.station.domain.users import MAX_PASSWORD_LENGTH, MIN_PASSWORD_LENGTH, Role
 from capture.station.results.accounts import Accounts
 from capture.station.results.audit import newest_changes
 from classify.base.errors import InputError

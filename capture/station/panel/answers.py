@@ -14,7 +14,7 @@ from starlette.responses import HTMLResponse, JSONResponse, StreamingResponse
 from capture.base.names import NAME_PATTERN
 from capture.base.page import templates
 from capture.base.utc_time import local_zone
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from classify.base.models import Record
 
 if TYPE_CHECKING:

@@ -28,10 +28,11 @@ from capture.station.results.history import (
     Override,
     Selection,
     Tally,
+    counts_of,
+    csv_pieces,
+    record_of,
 )
-from capture.station.results.history_table import counts_of, csv_pieces, record_of
-from capture.station.results.part_id import bounded_part_id
-from capture.station.results.part_result import PartResult
+from capture.station.results.part_result import PartResult, bounded_part_id
 from capture.station.run.events import Device
 from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Accepted, Refused, Trigger

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from capture.base.chart import CHART_WIDTH_IN, LETTERS_PT, chart_axes, png_of, svg_uri
 from capture.station.domain.verdict import Decision
-from capture.station.judge.gauge.gauge import ACCEPTABLE
-from capture.station.judge.gauge.gauge_report import GaugeReport
+from capture.station.judge.gauge import ACCEPTABLE, GaugeReport
 from capture.station.results.statistics import CauseCount, Period
 from capture.station.run.control_chart import ChartHistory
 

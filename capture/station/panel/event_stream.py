@@ -10,7 +10,7 @@ from fastapi import APIRouter, Depends, Header, Query
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import Response, StreamingResponse
 
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.run.live_view import LiveEvent, LiveView, Subscription
 from capture.station.run.station_state import StationState
 

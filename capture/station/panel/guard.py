@@ -11,7 +11,7 @@ from fastapi import Depends, Request, Security
 from fastapi.security import HTTPBearer, SecurityScopes
 from starlette.concurrency import run_in_threadpool
 
-from capture.station.domain.roles import Identity, Role
+from capture.station.domain.users import Identity, Role
 from classify.base.errors import InputError
 
 from .panel import Panel

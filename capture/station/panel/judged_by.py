@@ -7,9 +7,8 @@ from pathlib import Path
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.domain.taught import read_taught
-from capture.station.domain.taught_files import models_of
+from capture.station.domain.recipe_file import RecipeFolder
+from capture.station.domain.taught import models_of, read_taught
 from capture.station.results.history import HistoryEntry
 from capture.station.results.part_result import PartResult
 from classify import DefectModel, Method, TextureLibrary

@@ -16,8 +16,7 @@ from pydantic import Field
 
 from capture.station.domain.own_folder import SESSIONS as FILE
 from capture.station.domain.private_file import PrivateFile
-from capture.station.domain.roles import Identity
-from capture.station.domain.users import KIOSK, User, Users
+from capture.station.domain.users import KIOSK, Identity, User, Users
 from classify.base.models import Section
 
 from .security import Denied, Slots

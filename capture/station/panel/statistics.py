@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from capture.base.utc_time import local_zone
 from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.verdict import Decision
-from capture.station.judge.gauge.gauge import ACCEPTABLE
-from capture.station.judge.gauge.gauge_report import GaugeReport, read_gauge_report
+from capture.station.judge.gauge import ACCEPTABLE, GaugeReport, read_gauge_report
 from capture.station.results.history import Selection, Tally
 from capture.station.results.statistics import (
     MAX_MEASURED,

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 from capture.station.domain.errors import Conflict
 from capture.station.domain.folder import StationFolder
-from capture.station.domain.roles import Identity, Role
 from capture.station.domain.tokens import Tokens
-from capture.station.domain.users import KIOSK, User, Users
+from capture.station.domain.users import KIOSK, Identity, Role, User, Users
 
 from .audit import ChangeLog, changing_on_the_terminal
 

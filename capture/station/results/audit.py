@@ -12,7 +12,7 @@ from sqlalchemy import select
 from capture.base.utc_time import utc_text
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.own_folder import user_name
-from capture.station.domain.roles import Identity, Role
+from capture.station.domain.users import Identity, Role
 from capture.station.domain.verdict import Decision
 from classify.base.errors import InputError
 

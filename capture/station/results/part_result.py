@@ -1,14 +1,17 @@
-"""`PartResult`: the result of a part, and its row in the database, which is never changed."""
+"""`PartResult`: the id of a part and its result, a row of the database that is never changed."""
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, astuple, dataclass, field, fields
 from enum import StrEnum
 from functools import cached_property
 from typing import Any, get_type_hints
 
+from capture.base.outputs import escaped
 from capture.station.domain.limits import LimitedMeasures
 from capture.station.domain.verdict import Cause, Decision, Verdict
+from classify.base.errors import InputError
 
 from .utc import require_utc
 
@@ -20,6 +23,43 @@ MEASURES = (
 # Largest number of characters of a text: an exception may contain a whole document.
 MAX_TEXT = 2000
 _MAX_INTEGER = 2**63 - 1  # of a column, in SQLite and in PostgreSQL
+_MAX_LENGTH = 100
+# They are also file names on every system: no leading dot, no blank.
+_PART_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
+# Devices of Windows, whatever follows their name.
+_DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+_GENERATED_ID = re.compile(r"part-\d+", re.IGNORECASE)
+
+
+def made_part_id(number: int) -> str:
+    """Return the id of a part whose trigger gave none."""
+    return f"part-{number:06d}"
+
+
+def bounded_part_id(text: str) -> str:
+    """Return a text that is still no id if it is none, in little memory and without surrogates."""
+    return text[: _MAX_LENGTH + 1].encode("utf-8", "backslashreplace").decode()
+
+
+def shown_part_id(part_id: str) -> str:
+    """Return an id that may be invalid for lines of text: its beginning, escaped."""
+    return escaped(part_id[:_MAX_LENGTH])
+
+
+def require_given_part_id(part_id: str) -> str:
+    """Return the id of a trigger; it must name a file, and not look like an id of the station."""
+    if not _PART_ID.fullmatch(part_id):
+        raise InputError(
+            f"part id {part_id[:_MAX_LENGTH]!r}: give 1 to 100 letters, digits, dots, dashes or "
+            "underscores, the first a letter or a digit"
+        )
+    if _DEVICE.fullmatch(part_id):
+        raise InputError(f"part id {part_id}: cannot be a file name on Windows; give another one")
+    if _GENERATED_ID.fullmatch(part_id):
+        raise InputError(
+            f"part id {part_id}: the station makes ids of this form itself; give another one"
+        )
+    return part_id
 
 
 @dataclass(frozen=True)

@@ -33,11 +33,17 @@ from .history import (
     entries,
     part_groups,
 )
-from .part_id import made_part_id, require_given_part_id, require_new_part_id
-from .part_result import PartResult, result_of, storable
+from .part_result import (
+    PartResult,
+    made_part_id,
+    require_given_part_id,
+    result_of,
+    storable,
+)
 from .schema import (
     MADE_BY,
     begun_parts,
+    lower_ascii,
     make_tables,
     overrides,
     refused_triggers,
@@ -141,7 +147,7 @@ class ResultStore:
             self.lock_station(connection, triggered_utc)
             require()
             if part_id is not None:
-                require_new_part_id(connection, self.station, part_id)
+                _require_new_part_id(connection, self.station, part_id)
             number = self._last(connection, begun_parts.c.number) + 1
             part = BegunPart(
                 part_id or made_part_id(number), number, storable(trigger), triggered_utc, simulated
@@ -297,6 +303,23 @@ _BEGUN: Select[Any] = select(
 
 def _begun_part(row: Row[Any]) -> BegunPart:
     return BegunPart(**row._mapping)
+
+
+def _require_new_part_id(connection: Connection, station: str, part_id: str) -> None:
+    """Check that a station has not had a part with this id, in upper or lower case."""
+    known = connection.scalar(
+        select(begun_parts.c.part_id)
+        .where(begun_parts.c.station == station)
+        .where(lower_ascii(begun_parts.c.part_id) == part_id.lower())
+        .order_by(begun_parts.c.part_id != part_id)
+    )
+    if known == part_id:
+        raise InputError(f"part {part_id}: this station has had a part with this id")
+    if known is not None:
+        raise InputError(
+            f"part {part_id}: this station has had part {known}; ids that differ only in case "
+            "would name the same file on some systems"
+        )
 
 
 def open_store(

@@ -18,8 +18,7 @@ from capture.sets.image_checks import LightImages
 from capture.sets.ome_tiff import PixelHash
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.taught import Taught, TaughtSet, TaughtTexture
-from capture.station.domain.taught_files import TextureModels
+from capture.station.domain.taught import Taught, TaughtSet, TaughtTexture, TextureModels
 from capture.station.domain.verdict import Decision
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.measured_surface import MeasuredSurface

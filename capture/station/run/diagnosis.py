@@ -9,7 +9,7 @@ from capture.base.utc_time import local_time
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.own_folder import SECRETS, too_open
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder
 from capture.station.judge.approval import approved_states
 from capture.station.judge.challenge import has_met_challenge
 from capture.station.judge.inspector import Inspector

@@ -37,7 +37,7 @@ MAX_PANELS = 8
 # each.
 MAX_REQUEST_BYTES = 1 << 16
 # Largest number of requests of one panel that wait for the station; others wait in the socket.
-MAX_REQUESTS = 16
+_MAX_REQUESTS = 16
 # Time after which a panel that reads nothing is disconnected.
 SEND_TIME = struct.pack("ll", 5, 0)  # timeval: seconds, microseconds
 _CREDENTIALS = struct.Struct("3i")  # ucred of unix(7): process, user, group
@@ -182,9 +182,9 @@ class _Panel:
                 self._woken.set()
 
     def _read(self) -> None:
-        free = threading.BoundedSemaphore(MAX_REQUESTS)
+        free = threading.BoundedSemaphore(_MAX_REQUESTS)
         with (
-            ThreadPoolExecutor(MAX_REQUESTS, "request of a panel") as pool,
+            ThreadPoolExecutor(_MAX_REQUESTS, "request of a panel") as pool,
             suppress(OSError, ValueError),
             self._connection.makefile("rb") as lines,
         ):

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 from capture.base.utc_time import utc_text
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.part_id import shown_part_id
+from capture.station.results.part_result import shown_part_id
 from capture.station.results.store import RefusedTrigger, ResultStore
 
 from .events import TriggerRefused

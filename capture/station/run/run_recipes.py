@@ -10,8 +10,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.errors import ChallengeFailed, NotApproved, error_text
 from capture.station.domain.folder import LAST_RECIPE, StationFolder, first_recipe, keep_recipe
 from capture.station.domain.recipe import Recipe, require_approved
-from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe
 from capture.station.judge.approval import approved_states, require_unchanged
 from capture.station.judge.challenge import require_challenge
 from capture.station.judge.inspector import Collector, Inspector

@@ -1,27 +1,32 @@
-"""Back up a running station into one file, with its state at one moment."""
+"""Back up a running station into one file, with its state at one moment, and restore it."""
 
+import errno
 import os
 import shutil
 import zipfile
+import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager
 from hashlib import sha256
 from importlib.metadata import version
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Annotated, Literal
+
+from pydantic import AfterValidator, FailFast, Field, ValidationError
 
 from capture.base.folder_lock import LOCK_FILE_SUFFIX
 from capture.base.names import SET_SUFFIX
 from capture.base.utc_time import utc_text
 from capture.station.domain.config import CONFIG, SIM, StationConfig
 from capture.station.domain.folder import PARTS, RECIPES, StationFolder
-from capture.station.domain.own_folder import SESSIONS, refuse_link
+from capture.station.domain.own_folder import SECRETS, SESSIONS, refuse_link
+from capture.station.domain.private_file import OWNER_ONLY
 from capture.station.results.snapshot import ResultsSnapshot, copy_results
 from capture.station.run.retention import inside_parts, sets_stay
-from classify.base.durable_file import durable_file, require_folder, temporary_path
+from classify.base.durable_file import durable_file, require_folder, sync, temporary_path
 from classify.base.errors import InputError
+from classify.base.models import Record
 from classify.base.regular_file import open_regular_file
-
-from .manifest import MANIFEST, MAX_FILES, MAX_FOLDERS, Manifest, StoredFile
 
 _BLOCK_BYTES = 1 << 20
 _MAX_FILE_BYTES = 1 << 40
@@ -29,6 +34,58 @@ _MAX_FILE_BYTES = 1 << 40
 _BESIDE_SQLITE = ("", "-wal", "-shm", "-journal")
 _LOCKS = (".lock", LOCK_FILE_SUFFIX, f"{LOCK_FILE_SUFFIX}-journal")
 DUMP = "results.pgdump"
+MANIFEST = "backup.json"
+MAX_FILES = 2_000_000
+"""Largest number of files: those of three weeks with a failed part a second. The manifest then has
+400 MB."""
+_MAX_FOLDERS = 16
+"""Largest number of folders inside each other; a station makes five."""
+_MAX_BACKUP_BYTES = 1 << 44
+_MAX_MANIFEST_BYTES = 1 << 29
+# What zipfile and zlib raise for a damaged file; RuntimeError stands for encrypted members.
+_UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError)
+
+
+def _inside(text: str) -> str:
+    """Check that a name is of a file inside a folder."""
+    parts = PurePosixPath(text).parts
+    if len(parts) > _MAX_FOLDERS:
+        raise ValueError(f"{text[:100]!r} lies in more than {_MAX_FOLDERS} folders")
+    if text != "/".join(parts) or parts[:1] == ("/",) or ".." in parts or "\0" in text:
+        raise ValueError(f"{text!r} is not the name of a file inside a folder")
+    text.encode()  # names that are not UTF-8 raise a ValueError, too
+    return text
+
+
+_InnerPath = Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_inside)]
+_Text = Annotated[str, Field(max_length=200)]
+_Count = Annotated[int, Field(ge=0)]
+
+
+class _StoredFile(Record):
+    """A file of a backup."""
+
+    path: _InnerPath
+    bytes: _Count
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+
+
+class _Manifest(Record):
+    """The contents of a backup."""
+
+    format: Literal["ps4rig-backup"] = "ps4rig-backup"
+    version: Literal[2] = 2
+    utc: _Text  # when the results were copied
+    station: _Text
+    software_version: _Text
+    # SQLite file or PostgreSQL dump in the backup; None before the first run.
+    database: _InnerPath | None
+    parts: _Count  # those with a result
+    chain_sha256: _Text  # head of the chain of hashes of the station; empty without rows
+    sets: _Count
+    # Set files that the results name. The first fault ends the reading of a hostile list.
+    missing: Annotated[tuple[_InnerPath, ...], Field(max_length=MAX_FILES), FailFast()]
+    files: Annotated[tuple[_StoredFile, ...], Field(max_length=MAX_FILES), FailFast()]
 
 
 class Backup:
@@ -73,8 +130,8 @@ class Backup:
                 manifest = self._manifest(tuple(stored))
                 archive.writestr(MANIFEST, manifest.model_dump_json(indent=1))
 
-    def _manifest(self, files: tuple[StoredFile, ...]) -> Manifest:
-        return Manifest(
+    def _manifest(self, files: tuple[_StoredFile, ...]) -> _Manifest:
+        return _Manifest(
             utc=self._utc,
             station=self._config.name,
             software_version=version("ps4rig"),
@@ -148,8 +205,8 @@ def _settings(folder: Path, config: StationConfig) -> Iterator[tuple[str, Path]]
 
 def _files_below(folder: Path, folders: int = 1) -> Iterator[Path]:
     """All files but hidden ones, which are being written; links are refused."""
-    if folders > MAX_FOLDERS:
-        raise InputError(f"{folder}: lies in more than {MAX_FOLDERS} folders; move it elsewhere")
+    if folders > _MAX_FOLDERS:
+        raise InputError(f"{folder}: lies in more than {_MAX_FOLDERS} folders; move it elsewhere")
     for path in sorted(folder.iterdir()):
         if path.name.startswith("."):
             continue
@@ -189,7 +246,7 @@ def _check_space(folder: Path, config: StationConfig, path: Path, needed_bytes: 
         )
 
 
-def _store(archive: zipfile.ZipFile, name: str, source: Path) -> StoredFile:
+def _store(archive: zipfile.ZipFile, name: str, source: Path) -> _StoredFile:
     """Copy a file into the archive, up to its present size: a log may grow meanwhile."""
     digest = sha256()
     with open_regular_file(source, _MAX_FILE_BYTES) as file:
@@ -200,8 +257,113 @@ def _store(archive: zipfile.ZipFile, name: str, source: Path) -> StoredFile:
                 digest.update(block)
                 member.write(block)
                 remaining_bytes -= len(block)
-    return StoredFile(
+    return _StoredFile(
         path=name,
         bytes=status.st_size - remaining_bytes,
         sha256=digest.hexdigest(),
     )
+
+
+class _OpenBackup:
+    """A backup whose list of files was checked; `opened_backup` makes it."""
+
+    def __init__(self, path: Path, archive: zipfile.ZipFile) -> None:
+        self._path, self._archive = path, archive
+        self.manifest = self._read_manifest()
+        members = sorted(info.filename for info in archive.infolist())
+        if members != sorted([MANIFEST, *(file.path for file in self.manifest.files)]):
+            raise InputError(f"{path}: damaged: its files are not those of its manifest")
+
+    def restore(self, folder: Path) -> Iterator[str]:
+        """Write the station to `folder`, which appears complete; yield the name of each file."""
+        folder = folder.absolute()
+        if folder.is_symlink() or (folder.exists() and not _is_empty_folder(folder)):
+            raise InputError(f"{folder}: exists and is not empty; give another folder")
+        if not folder.parent.is_dir():
+            raise InputError(f"{folder}: cannot be made: there is no folder {folder.parent}")
+        needed = sum(file.bytes for file in self.manifest.files)
+        free = shutil.disk_usage(folder.parent).free
+        if free < needed:
+            raise InputError(
+                f"{folder}: {free / 1e6:.0f} MB free, {needed / 1e6:.0f} MB needed; make room"
+            )
+        with temporary_path(folder.parent, folder, is_folder=True) as temporary:
+            temporary.chmod(0o750)
+            for file in self.manifest.files:
+                self._extract(file, temporary)
+                yield file.path
+            StationFolder(temporary)  # a backup of something else is refused
+            for path in temporary.rglob("*"):
+                if path.is_dir():
+                    sync(path)
+            sync(temporary)
+            if folder.exists():
+                folder.rmdir()  # Windows cannot rename onto a folder
+            temporary.rename(folder)
+            sync(folder.parent)
+
+    def _read_manifest(self) -> _Manifest:
+        with self._readable():
+            info = self._archive.getinfo(MANIFEST)
+            if info.file_size > _MAX_MANIFEST_BYTES or info.compress_type != zipfile.ZIP_STORED:
+                raise InputError(
+                    f"{self._path}: no backup of a station: its manifest of {info.file_size} bytes "
+                    "is compressed, or too large"
+                )
+            text = self._archive.read(info)
+        try:
+            return _Manifest.model_validate_json(text)
+        except ValidationError as error:
+            first = error.errors()[0]
+            place = ".".join(map(str, first["loc"]))
+            raise InputError(
+                f"{self._path}: its manifest cannot be used: {place}: {first['msg']}"
+            ) from error
+
+    def _extract(self, file: _StoredFile, folder: Path) -> None:
+        path = folder / file.path
+        if not path.resolve().is_relative_to(folder.resolve()):  # a drive, on Windows
+            raise InputError(f"{self._path}: {file.path}: names another place on this system")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch(exist_ok=False)
+        path.chmod(OWNER_ONLY if path.name in SECRETS else 0o640)
+        digest, remaining_bytes = sha256(), file.bytes
+        with self._readable(), self._archive.open(file.path) as member, path.open("wb") as target:
+            # One byte more is read, to notice a file that is too long.
+            while block := member.read(min(_BLOCK_BYTES, remaining_bytes + 1)):
+                remaining_bytes -= len(block)
+                if remaining_bytes < 0:
+                    break
+                digest.update(block)
+                target.write(block)
+        if remaining_bytes != 0 or digest.hexdigest() != file.sha256:
+            raise InputError(f"{self._path}: damaged: {file.path} is not the file that was stored")
+        sync(path)
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        try:
+            yield
+        except KeyError as error:
+            raise InputError(f"{self._path}: not a backup of a station") from error
+        except (*_UNREADABLE, OSError) as error:
+            # A damaged offset leads to a place before the file; other errors are of the disk.
+            if isinstance(error, OSError) and error.errno != errno.EINVAL:
+                raise
+            raise InputError(f"{self._path}: damaged: {error}") from error
+
+
+@contextmanager
+def opened_backup(path: Path) -> Iterator[_OpenBackup]:
+    """Open a backup for restoring."""
+    with open_regular_file(path, _MAX_BACKUP_BYTES) as file:
+        try:
+            archive = zipfile.ZipFile(file)
+        except _UNREADABLE as error:
+            raise InputError(f"{path}: not a backup of a station: {error}") from error
+        with archive:
+            yield _OpenBackup(path, archive)
+
+
+def _is_empty_folder(path: Path) -> bool:
+    return path.is_dir() and not any(path.iterdir())

@@ -11,11 +11,10 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.config import CONFIG
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_file import write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, write_recipe
 from capture.station.judge.approval import approve
 from capture.station.judge.challenge_set import add_to_challenge
-from capture.station.judge.gauge.fault_study import large_faults
+from capture.station.judge.fault_study import large_faults
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching

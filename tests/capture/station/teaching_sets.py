@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 
 from capture import CapturedSet, capture_set
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.judge.gauge.made_faults import FAULTS
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
+from capture.station.judge.fault_study import FAULTS
 from rig import RigConfig, open_rig
 
 # The smallest frame that a defect model learns from.

@@ -12,10 +12,9 @@ from capture import CapturedSet, capture_set
 from capture.base.errors import SetRejected
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.folder import StationFolder, station_folder
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.judge.gauge.made_faults import FAULTS, Place, with_fault
+from capture.station.judge.fault_study import FAULTS, Place, with_fault
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.judge import verdict_of
 from capture.station.run.events import PartAnnounced

@@ -17,8 +17,7 @@ from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
-from capture.station.domain.roles import Role
-from capture.station.domain.users import Users
+from capture.station.domain.users import Role, Users
 from tests.capture.station.panel.panels import PASSWORD, running_panel
 from tests.capture.station.stations import small_set
 

@@ -25,8 +25,7 @@ from pathlib import Path
 import numpy as np
 
 from capture.station.domain.folder import StationFolder, make_station
-from capture.station.domain.roles import Role
-from capture.station.domain.users import Users
+from capture.station.domain.users import Role, Users
 from capture.station.results.store import open_store
 from tests.capture.station.results.parts import inspect
 

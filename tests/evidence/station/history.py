@@ -16,8 +16,7 @@ from pathlib import Path
 
 from capture.station.domain.verdict import Decision
 from capture.station.results.chain import broken_links
-from capture.station.results.history import Selection
-from capture.station.results.history_table import json_pieces, write_csv
+from capture.station.results.history import Selection, json_pieces, write_csv
 from capture.station.results.store import BegunPart, ResultStore, open_store
 from tests.capture.station.results.many import fill
 from tests.capture.station.results.parts import UTC, result_of

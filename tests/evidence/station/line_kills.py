@@ -34,9 +34,8 @@ from capture.base.utc_time import utc_text
 from capture.station.domain.folder import station_folder
 from capture.station.domain.interface_config import ModbusConfig
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.line.example_client import run_ladder
+from capture.station.line.example_client import Judged, run_ladder
 from capture.station.line.handshake import Handshake
-from capture.station.line.ladder import Judged
 from capture.station.line.line import PlcLine
 from capture.station.line.modbus import PlcConnection, serving_modbus
 from capture.station.line.registers import VERDICTS, Status

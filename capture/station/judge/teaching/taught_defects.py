@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture.base.console import ShowProgress
-from capture.station.domain.least_found import LeastFound
 from capture.station.domain.recipe import Recipe, Region
+from capture.station.domain.taught import LeastFound
 from classify import DefectModel, SurfaceEstimate, TextureLibrary, learn_defects
 from classify.classifiers import classifier_named
 from classify.defects.detectability import detectability

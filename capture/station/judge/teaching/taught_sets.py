@@ -8,8 +8,9 @@ from pathlib import Path
 from capture.base.names import SET_SUFFIX
 from capture.calibration.lookup import keep_beside
 from capture.sets.captured_set import LoadedSet
+from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder
 from capture.station.domain.taught import read_taught
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.errors import InputError
@@ -70,3 +71,30 @@ def keep_sets(
         has_label = bool(texture or metadata.label)
         kept_sets.append(KeptSet(name, copy, metadata.pixels_sha256, has_label, path))
     return kept_sets
+
+
+def sets_by_texture(
+    known: Sequence[KeptSet],
+    added: Sequence[KeptSet],
+    removed: Sequence[str],
+    *,
+    is_relabelling: bool,
+) -> list[KeptSet]:
+    """Return all different sets, ordered by texture."""
+    names = {kept_set.path.name for kept_set in known}
+    for name in removed:
+        if name not in names:
+            raise RecipeError(f"--remove {name[:100]}: no set of this name was taught")
+    by_pixels = {
+        kept_set.pixels_sha256: kept_set for kept_set in known if kept_set.path.name not in removed
+    }
+    for kept_set in added:
+        earlier = by_pixels.get(kept_set.pixels_sha256, kept_set)
+        if earlier.texture != kept_set.texture and (earlier in added or not is_relabelling):
+            raise RecipeError(
+                f"{kept_set.path}: was taught as {earlier.texture!r} and cannot be "
+                f"{kept_set.texture!r} too; give --relabel to change its texture, or --remove with "
+                "its name to take it out"
+            )
+        by_pixels[kept_set.pixels_sha256] = kept_set
+    return sorted(by_pixels.values(), key=lambda kept_set: kept_set.texture)

@@ -13,14 +13,19 @@ from capture.sets.captured_set import PLANAR, LoadedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.limits import Limits
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder, TaughtFiles, file_sha256
+from capture.station.domain.recipe_file import (
+    RecipeFolder,
+    TaughtFiles,
+    file_sha256,
+    read_recipe,
+    write_recipe,
+)
 from capture.station.domain.taught import (
     Taught,
     TaughtSet,
     TaughtTexture,
+    TextureModels,
 )
-from capture.station.domain.taught_files import TextureModels
 from capture.station.judge.inspector import Inspection, Inspector
 from classify import Match, TextureLibrary
 from classify.base.durable_file import make_folder
@@ -33,21 +38,28 @@ from classify.methods import default_method
 from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces
 from classify.pieces.piece_model import PieceModel
 
-from .manual_limits import (
+from .taught_defects import TaughtDefects, mark_remark, teach_defects
+from .taught_part import (
+    TaughtPart,
+    check_same_setting,
+    require_one_texture,
+    taught_part,
+    unlabelled_remarks,
+)
+from .taught_sets import KeptSet, keep_sets, known_sets, sets_by_texture
+from .teaching_limits import (
     LimitsOf,
+    general_limits,
     kept_remarks,
     limits_measured_before,
+    limits_of_texture,
     manual_limits,
     replaced_remarks,
     with_set_limits,
+    with_unjudged,
 )
-from .taught_defects import TaughtDefects, mark_remark, teach_defects
-from .taught_part import TaughtPart, check_same_setting, taught_part
-from .taught_sets import KeptSet, keep_sets, known_sets
-from .teaching_limits import general_limits, limits_of_texture, with_unjudged
 from .teaching_page import write_teaching_page
 from .teaching_result import Teaching
-from .unlabelled import require_one_texture, unlabelled_remarks
 
 
 def teach(
@@ -68,7 +80,7 @@ def teach(
         before = read_recipe(files.file) if files.file.exists() else None
         known = [] if before is None else list(known_sets(files, before))
         added = keep_sets(paths, files.sets, bad_texture or good_texture, files.name)
-        sets = _by_texture(known, added, removed, is_relabelling=is_relabelling)
+        sets = sets_by_texture(known, added, removed, is_relabelling=is_relabelling)
         textures = list(dict.fromkeys(kept_set.texture for kept_set in added))
         emptied = {kept_set.texture for kept_set in known} - {kept_set.texture for kept_set in sets}
         recipe = _next_version(files, before, textures, emptied, bad=bad_texture is not None)
@@ -82,33 +94,6 @@ def teach(
             write_teaching_page(result)
         write_recipe(files.file, teaching.recipe)
         return teaching
-
-
-def _by_texture(
-    known: Sequence[KeptSet],
-    added: Sequence[KeptSet],
-    removed: Sequence[str],
-    *,
-    is_relabelling: bool,
-) -> list[KeptSet]:
-    """All different sets, ordered by texture."""
-    names = {kept_set.path.name for kept_set in known}
-    for name in removed:
-        if name not in names:
-            raise RecipeError(f"--remove {name[:100]}: no set of this name was taught")
-    by_pixels = {
-        kept_set.pixels_sha256: kept_set for kept_set in known if kept_set.path.name not in removed
-    }
-    for kept_set in added:
-        earlier = by_pixels.get(kept_set.pixels_sha256, kept_set)
-        if earlier.texture != kept_set.texture and (earlier in added or not is_relabelling):
-            raise RecipeError(
-                f"{kept_set.path}: was taught as {earlier.texture!r} and cannot be "
-                f"{kept_set.texture!r} too; give --relabel to change its texture, or --remove with "
-                "its name to take it out"
-            )
-        by_pixels[kept_set.pixels_sha256] = kept_set
-    return sorted(by_pixels.values(), key=lambda kept_set: kept_set.texture)
 
 
 def _next_version(

@@ -5,19 +5,19 @@ from dataclasses import dataclass
 from typing import Any
 
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_folder import TaughtFiles
+from capture.station.domain.recipe_file import TaughtFiles
 from capture.station.domain.taught import Taught
 from capture.station.domain.verdict import Decision
-from capture.station.judge.gauge.gauge import ACCEPTABLE
+from capture.station.judge.gauge import ACCEPTABLE
 from capture.station.judge.inspector import Inspection
 from classify import Match
 from classify.confidence import CONFIDENCE, share_at_most, tolerance_factor, trials_to_show
 from classify.library.match import MIN_MARGIN
 from classify.texture.uniformity import Uniformity, uniformity_remarks
 
-from .manual_limits import LimitsOf
 from .taught_part import TaughtPart
 from .taught_sets import KeptSet
+from .teaching_limits import LimitsOf
 
 # Largest share of bad parts that may pass, and of good parts that may be rejected.
 _, _MAX_MISSES, _MAX_FALSE_ALARMS = ACCEPTABLE

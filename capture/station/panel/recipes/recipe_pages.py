@@ -5,10 +5,9 @@ from typing import Literal
 from fastapi import APIRouter
 from starlette.responses import RedirectResponse, Response
 
-from capture.station.domain.recipe_file import SUFFIX, read_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.domain.roles import Role
+from capture.station.domain.recipe_file import SUFFIX, RecipeFolder, read_recipe
 from capture.station.domain.taught import read_taught
+from capture.station.domain.users import Role
 from capture.station.domain.verdict import Decision
 from capture.station.judge.approval import approved_states
 from capture.station.judge.challenge_set import EXPECTED, challenge_sets

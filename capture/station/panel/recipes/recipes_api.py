@@ -7,8 +7,7 @@ from pydantic import Field, JsonValue, conlist
 from starlette.responses import Response
 
 from capture.station.domain.recipe import Recipe, Sha256
-from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe
 from capture.station.domain.taught import read_taught
 from capture.station.judge.approval import approved_states
 from capture.station.judge.challenge import Replay

@@ -31,7 +31,7 @@ from capture.station.domain.recipe_file import recipe_text
 from capture.station.judge.judge import Measures, verdict_of
 from capture.station.panel.result_pages import measured_numbers
 from capture.station.panel.recipes.recipe_form import RecipeForm
-from capture.station.results.history_table import COLUMNS
+from capture.station.results.history import COLUMNS
 from capture.station.results.part_result import PartResult, result_of
 from capture.station.results.schema import results
 from classify import Match

@@ -12,8 +12,7 @@ from capture.calibration.lookup import FoundCalibration, read_calibration
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from capture.station.domain.recipe import Recipe, Region
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.judge.challenge import require_challenge
 from capture.station.judge.challenge_set import add_to_challenge

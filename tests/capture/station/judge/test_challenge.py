@@ -10,8 +10,7 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.errors import ChallengeFailed, RecipeError
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.domain.verdict import Decision
 from capture.station.judge import fingerprint
 from capture.station.judge.challenge import (

@@ -9,13 +9,13 @@ import pytest
 
 from capture.station.domain.config import SimulatedParts
 from capture.station.domain.verdict import Cause, Decision, Verdict
-from capture.station.judge.gauge.gauge import (
+from capture.station.judge.gauge import (
     GaugeStudy,
     Presentation,
     presentations_of,
     read_known_parts,
 )
-from capture.station.judge.gauge.simulated_gauge import known_parts
+from capture.station.judge.simulated_gauge import known_parts
 from classify.base.errors import InputError
 
 PASS, FAIL, UNKNOWN = Decision.PASS, Decision.FAIL, Decision.UNKNOWN

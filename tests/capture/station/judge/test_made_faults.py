@@ -8,19 +8,20 @@ import pytest
 
 from capture import CapturedSet
 from capture.station.domain.errors import RecipeError
-from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe
 from capture.station.domain.verdict import Decision, Verdict
 from capture.station.judge.approval import approve
-from capture.station.judge.gauge.fault_study import (
+from capture.station.judge.fault_study import (
+    FAULTS,
     FaultFinding,
     FaultStudy,
+    Place,
     keep_study,
     kept_study,
     large_faults,
     study_faults,
+    with_fault,
 )
-from capture.station.judge.gauge.made_faults import FAULTS, Place, with_fault
 from capture.station.judge.inspector import Inspection, Inspector
 from capture.station.judge.recipe_settings import save_settings, with_settings
 from tests.capture.station.teaching_sets import SIDE_PX, patch

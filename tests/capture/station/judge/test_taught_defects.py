@@ -5,9 +5,8 @@ from typing import Any
 
 import pytest
 
-from capture.station.domain.least_found import LeastFound
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
+from capture.station.domain.taught import LeastFound
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_page import teaching_page
 from capture.station.judge.teaching.teaching_result import Teaching

@@ -11,8 +11,7 @@ import pytest
 from capture import CapturedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Limits, Region, require_approved
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.domain.taught import read_taught
 from capture.station.domain.verdict import Cause, Decision
 from capture.station.judge.approval import approve, approved_states, roll_back

@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from capture.station.domain.errors import RecipeError
-from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe
 from capture.station.judge.teaching.teaching import teach
 from tests.capture.station.teaching_sets import patch
 

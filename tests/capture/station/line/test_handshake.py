@@ -15,8 +15,8 @@ from hypothesis.stateful import (
 )
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
+from capture.station.line.example_client import ANSWER_S, Judged, Ladder
 from capture.station.line.handshake import MAX_WAITING, Handshake, RecipeRequest, TriggerRequest
-from capture.station.line.ladder import ANSWER_S, Judged, Ladder
 from capture.station.line.registers import (
     PLC,
     PLC_ADDRESS,

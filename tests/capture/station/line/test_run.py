@@ -14,7 +14,7 @@ from capture.commands.station.interfaces import mqtt_publisher, plc_line, servin
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import ModbusConfig, MqttConfig
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder
 from capture.station.judge.approval import approve
 from capture.station.run.live_station import LiveStation
 from classify.base.errors import InputError

@@ -7,7 +7,7 @@ import pytest
 from argon2 import PasswordHasher
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.chromium import Chromium, chromium
 

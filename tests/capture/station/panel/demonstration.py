@@ -5,10 +5,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from capture.station.domain.config import CONFIG
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.judge.gauge.gauge import GaugeStudy, Presentation
-from capture.station.judge.gauge.gauge_report import GaugeReport
+from capture.station.judge.gauge import GaugeReport, GaugeStudy, Presentation
 from rig import RigConfig
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel, real_panel
 from tests.capture.station.production import taught_station

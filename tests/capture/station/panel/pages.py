@@ -3,7 +3,7 @@
 import re
 
 from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from tests.capture.station.panel.demonstration import failed
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel
 from tests.capture.station.panel.routes import ROUTES, PanelRoute

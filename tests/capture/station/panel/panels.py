@@ -13,7 +13,7 @@ from urllib.parse import urlencode, urlsplit
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.folder import station_folder
 from capture.station.domain.interface_config import PanelConfig
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import get_type_hints
 
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.panel.app import routes
 
 

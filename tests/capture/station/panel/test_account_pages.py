@@ -4,8 +4,7 @@ import re
 
 import pytest
 
-from capture.station.domain.roles import Role
-from capture.station.domain.users import User
+from capture.station.domain.users import Role, User
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel
 
 

@@ -17,7 +17,7 @@ from sqlalchemy import select
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.fault import Fault
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel.security import Denied
 from capture.station.panel.triggering import MAX_WAITING, KeyedTriggers

@@ -8,9 +8,8 @@ from typing import Any
 import pytest
 
 from capture.station.domain.folder import StationFolder
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.domain.roles import Identity, Role
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
+from capture.station.domain.users import Identity, Role
 from capture.station.results.audit import (
     ChangeLog,
     ChangeRecord,

@@ -13,7 +13,7 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import write_recipe
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel
 from tests.capture.station.panel.routes import ROUTES

@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from tests.accessibility import grave_findings, missed_by_tab
 from tests.capture.station.panel.demonstration import demonstration, failed
 from tests.capture.station.panel.pages import PAGES, REPORTS, address_of, logged_in

@@ -15,7 +15,7 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.fault import Fault, fault_of
-from capture.station.domain.roles import Identity, Role
+from capture.station.domain.users import Identity, Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import PartResult

@@ -6,9 +6,8 @@ from pathlib import Path
 import pytest
 
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.domain.roles import Role
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe
+from capture.station.domain.users import Role
 from capture.station.judge.approval import approve
 from capture.station.run.events import RecipeLoaded
 from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused

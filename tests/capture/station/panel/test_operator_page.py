@@ -12,7 +12,7 @@ import pytest
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.fault import Fault
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel import part_pictures
 from capture.station.panel.part_pictures import PartPictures

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import pytest
 
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.panel import part_pictures
 from capture.station.panel.part_pictures import PaintedPicture, painted

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder
 from capture.station.judge.approval import approve
 from capture.station.panel.process import _FIRST_PAUSE_S
 from capture.station.panel.station_link import _RECONNECT_S, NO_RUN

@@ -15,8 +15,7 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.folder import make_station
 from capture.station.domain.interface_config import PanelConfig
-from capture.station.domain.roles import Role
-from capture.station.domain.users import Users
+from capture.station.domain.users import Role, Users
 from capture.station.results.audit import newest_changes
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.free_port import free_port

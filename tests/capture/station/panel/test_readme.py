@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from tests.capture.station.panel.panels import RunningPanel
 
 README = Path(__file__).parents[4] / "capture" / "station" / "panel" / "README.md"

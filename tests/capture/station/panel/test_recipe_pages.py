@@ -10,7 +10,7 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import read_recipe
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from capture.station.panel.background_jobs import Job
 from capture.station.results.database import ResultsUnavailable
 from capture.station.run.events import RecipeLoaded

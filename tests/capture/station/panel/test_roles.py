@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from capture.station.domain.roles import Role
+from capture.station.domain.users import Role
 from tests.capture.station.panel.panels import Client, RunningPanel
 from tests.capture.station.panel.routes import ROUTES, PanelRoute
 

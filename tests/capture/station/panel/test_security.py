@@ -16,8 +16,7 @@ import pytest
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.folder import make_station
 from capture.station.domain.interface_config import PanelConfig
-from capture.station.domain.roles import Role
-from capture.station.domain.users import Users
+from capture.station.domain.users import Role, Users
 from capture.station.panel import event_stream, security, server
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule, Slots
 from capture.station.panel.server import MAX_CONNECTIONS, MAX_CONNECTIONS_OF_AN_ADDRESS, REFUSED_S

@@ -17,14 +17,14 @@ import pytest
 
 from capture.station.domain.errors import CannotListen
 from capture.station.domain.folder import StationFolder, make_station
-from capture.station.domain.roles import Identity, Role
+from capture.station.domain.users import Identity, Role
 from capture.station.domain.verdict import Cause
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
 from capture.station.panel.station_link import NO_RUN, RunUnavailable, StationLink
 from capture.station.results import audit
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.part_id import require_given_part_id
+from capture.station.results.part_result import require_given_part_id
 from capture.station.results.store import open_store
 from capture.station.run import live_socket
 from capture.station.run.events import PartAnnounced, PartBegun, RecipeLoaded, StateChanged

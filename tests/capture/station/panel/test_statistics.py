@@ -22,8 +22,7 @@ from matplotlib.figure import Figure
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Decision
-from capture.station.judge.gauge.gauge import GaugeStudy, Presentation
-from capture.station.judge.gauge.gauge_report import GaugeReport
+from capture.station.judge.gauge import GaugeReport, GaugeStudy, Presentation
 from capture.station.panel import charts
 from capture.station.panel.panel import MAX_RECKONING
 from capture.station.panel.statistics import gauge_of

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
-from capture.station.domain.roles import Role
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
+from capture.station.domain.users import Role
 from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import JOB_S, PASSWORD, RunningPanel, running_panel
 from tests.capture.station.teaching_sets import acknowledge_faults, patch

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder
 from capture.station.judge.inspector import Inspection, Inspector
 from capture.station.judge.measured_surface import MeasuredSurface
 from classify.base.errors import InputError

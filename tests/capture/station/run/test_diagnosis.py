@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 
 from capture.station.domain.folder import StationFolder, keep_recipe
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.judge.approval import approve
 from capture.station.judge.challenge import require_challenge
 from capture.station.judge.inspector import Inspector

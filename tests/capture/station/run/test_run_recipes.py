@@ -9,8 +9,7 @@ import pytest
 
 from capture.station.domain.errors import ChallengeFailed, NotApproved
 from capture.station.domain.folder import LAST_RECIPE, StationFolder, first_recipe, keep_recipe
-from capture.station.domain.recipe_file import read_recipe, write_recipe
-from capture.station.domain.recipe_folder import RecipeFolder
+from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.judge.approval import approve, roll_back
 from capture.station.judge.challenge_set import add_to_challenge, challenge_sets
 from capture.station.judge.inspector import Collector

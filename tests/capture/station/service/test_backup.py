@@ -16,15 +16,13 @@ import pytest
 
 from capture.station.domain.config import Retention
 from capture.station.domain.folder import StationFolder
-from capture.station.domain.roles import Role
 from capture.station.domain.tokens import Tokens
+from capture.station.domain.users import Role
 from capture.station.results.store import open_store
 from capture.station.results.verification import verify_station
 from capture.station.run.cycle import Station
 from capture.station.run.retention import remove_old_sets, sets_stay
-from capture.station.service.backup import prepared_backup
-from capture.station.service.manifest import MANIFEST
-from capture.station.service.restore import opened_backup
+from capture.station.service.backup import MANIFEST, opened_backup, prepared_backup
 from classify.base.errors import InputError
 from tests.capture.station.stations import (
     Manual,

@@ -21,7 +21,7 @@ from capture.station.run.events import (
     Warned,
 )
 from capture.station.run.states import Change, State
-from capture.station.service.journal import Journal, is_connected_to_journal
+from capture.station.service.systemd import Journal, is_connected_to_journal
 from rig.doctor.check import Check
 from tests.capture.station.results.parts import UTC, result_of
 from tests.capture.station.stations import published

@@ -15,7 +15,7 @@ from capture.station.run.cycle import Station
 from capture.station.run.events import PartAnnounced, StateChanged
 from capture.station.run.states import Change, State
 from capture.station.run.triggers import Trigger
-from capture.station.service.notify import Notifier
+from capture.station.service.systemd import Notifier
 from classify.base.errors import InputError
 from rig import HardwareError
 from tests.capture.station.stations import (

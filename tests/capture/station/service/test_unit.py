@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 
 from capture.station.domain.folder import StationFolder, make_station
-from capture.station.service.unit import unit_name, unit_text
-from capture.station.service.unit_check import checks_of_units
+from capture.station.service.unit import checks_of_units, unit_name, unit_text
 from classify.base.errors import InputError
 
 # systemd 252 gives 2.0; a service without options has 9.6.

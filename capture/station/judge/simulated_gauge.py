@@ -11,7 +11,6 @@ from capture.station.domain.config import SimulatedParts
 from capture.station.domain.fault import fault_of
 from capture.station.domain.simulated_parts import simulated_part
 from capture.station.domain.verdict import Verdict
-from capture.station.judge.inspector import Inspector
 from classify.base.errors import ConfigError
 from rig import (
     Placement,
@@ -21,6 +20,7 @@ from rig import (
 )
 
 from .gauge import Presentation
+from .inspector import Inspector
 
 # Errors of putting a part back by hand: the angle as in `capture/session/measures.py`.
 _PLACEMENT_DEG, _PLACEMENT_PX = 2.0, 5.0

@@ -1,14 +1,17 @@
-"""Attribute gauge study: verdicts on known parts, each presented several times."""
+"""Attribute gauge study: verdicts on known parts, each presented several times; its report."""
 
 import csv
 import io
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from importlib.metadata import version
 from pathlib import Path
 from typing import Literal, Self
 
 from pydantic import Field, FiniteFloat
 
+from capture.base.utc_time import utc_text
+from capture.station.domain.recipe import Sha256
 from capture.station.domain.verdict import Decision, Verdict
 from classify.base.errors import InputError
 from classify.base.models import Record
@@ -29,8 +32,10 @@ _RATINGS: tuple[tuple[Rating, tuple[float, float, float]], ...] = (
     ("acceptable", ACCEPTABLE),
     ("marginal", _MARGINAL),
 )
-_MAX_BYTES = 1 << 22
 _TRUTHS = {"good": True, "bad": False}
+_MAX_BYTES = 1 << 22  # the reasons of 200 parts, 2,000 characters each, have 0.4 MB
+# Number of parts with a wrong verdict that a report names.
+_MAX_WRONG_ROWS = 200
 
 
 @dataclass(frozen=True)
@@ -201,3 +206,54 @@ def presentations_of(
         if name in known:
             presentations.append(Presentation(name, known[name], verdict.decision, verdict.reason))
     return presentations
+
+
+class GaugeReport(Record):
+    """What a gauge study found."""
+
+    format: Literal["ps4rig-gauge"] = "ps4rig-gauge"
+    version: Literal[1] = 1
+    utc: str  # end of the study
+    software_version: str = Field(default_factory=lambda: version("ps4rig"))
+    recipe: str
+    recipe_sha256: Sha256 | None  # None for results of an earlier run
+    simulated: bool
+    presentations: int
+    effectiveness: Share  # `effectiveness` to `rating`: as in `GaugeStudy`
+    misses: Share
+    false_alarms: Share
+    rating: Rating
+    lines: tuple[str, ...]  # of `GaugeStudy`, then of `FaultStudy`
+    wrong: tuple[str, ...]  # `GaugeStudy.wrong_verdicts`, of the first parts
+
+    @classmethod
+    def of(
+        cls,
+        study: GaugeStudy,
+        recipe: str,
+        recipe_sha256: str | None,
+        *,
+        simulated: bool,
+        faults: Sequence[str] = (),
+    ) -> Self:
+        """Return the report of a study that has just ended; `faults` are lines of a FaultStudy."""
+        return cls(
+            utc=utc_text(timespec="seconds"),
+            recipe=recipe,
+            recipe_sha256=recipe_sha256,
+            simulated=simulated,
+            presentations=len(study.presentations),
+            effectiveness=study.effectiveness,
+            misses=study.misses,
+            false_alarms=study.false_alarms,
+            rating=study.rating,
+            lines=(*study.lines(), *faults),
+            wrong=tuple(study.wrong_verdicts()[:_MAX_WRONG_ROWS]),
+        )
+
+
+def read_gauge_report(path: Path) -> GaugeReport | None:
+    """Read the report of a recipe; None if no study was made."""
+    if not path.exists():
+        return None
+    return GaugeReport.read(path, _MAX_BYTES, "run ps4rig station gauge")

@@ -1,1 +1,0 @@
-"""Gauge studies: known parts, each presented several times."""
