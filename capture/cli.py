@@ -16,6 +16,10 @@ from .base.console import command_group, complain
 from .base.interrupts import INTERRUPTED_STATUS
 from .base.process_settings import settle_process
 from .commands import (
+    calibrate_camera,
+    calibrate_lights,
+    calibrate_scale,
+    calibrate_show,
     info,
     rig_setup,
     rig_show,
@@ -24,11 +28,16 @@ from .commands import (
     session_run,
     sets,
     solve,
+    station_gauge,
+    station_history,
+    station_recipe,
+    station_run,
+    station_upkeep,
+    station_users,
     studies,
     textures,
 )
-from .commands.calibrate import calibrate_app
-from .commands.station import station_app
+from .station.domain.own_folder import make_files_private
 
 app = typer.Typer(
     pretty_exceptions_enable=False,
@@ -48,7 +57,17 @@ app.command()(solve.export)
 app.command()(info.compare)
 app.command()(info.verify)
 app.command()(studies.reproduce)
-app.add_typer(calibrate_app, name="calibrate")
+
+_calibrate_app = command_group(
+    "Measure a rig with a white sheet, a sphere or a checkerboard, and keep it in one file."
+)
+_calibrate_app.command()(calibrate_camera.dark)
+_calibrate_app.command()(calibrate_lights.lights)
+_calibrate_app.command()(calibrate_lights.plate)
+_calibrate_app.command()(calibrate_camera.response)
+_calibrate_app.command()(calibrate_scale.scale)
+_calibrate_app.command()(calibrate_show.show)
+app.add_typer(_calibrate_app, name="calibrate")
 
 _rig_app = command_group("Set up and check the rig itself, and switch its lights by hand.")
 _rig_app.command()(rig_setup.init)
@@ -71,7 +90,27 @@ _session_app.command()(session_run.resume)
 _session_app.command()(session_report.report)
 app.add_typer(_session_app, name="session")
 
-app.add_typer(station_app, name="station")
+_station_app = command_group(
+    "Inspect parts with a rig, one after the other, and keep every result.", make_files_private
+)
+_station_app.command()(station_upkeep.init)
+_station_app.command()(station_recipe.teach)
+_station_app.command()(station_recipe.approve)
+_station_app.command()(station_recipe.roll_back)
+_station_app.command()(station_recipe.challenge)
+_station_app.command()(station_run.run)
+_station_app.command()(station_run.panel)
+_station_app.command()(station_history.history)
+_station_app.command()(station_history.override)
+_station_app.command()(station_gauge.gauge)
+_station_app.command()(station_gauge.bench)
+_station_app.command()(station_upkeep.doctor)
+_station_app.command()(station_upkeep.unit)
+_station_app.command()(station_upkeep.backup)
+_station_app.command()(station_upkeep.restore)
+_station_app.add_typer(station_users.user_app, name="user")
+_station_app.add_typer(station_users.token_app, name="token")
+app.add_typer(_station_app, name="station")
 
 
 @app.callback(invoke_without_command=True)

@@ -29,6 +29,7 @@ Sets = Annotated[
     list[Path],
     typer.Argument(metavar="SET...", help="Captured sets, and folders with captured sets."),
 ]
+Station = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 Label = Annotated[str | None, typer.Option(help="Texture class of the part.")]
 Specimen = Annotated[str | None, typer.Option(help="Which piece it is, such as fabric-07.")]
 Operator = Annotated[str | None, typer.Option(help="Name of the operator.")]

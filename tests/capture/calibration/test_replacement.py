@@ -11,7 +11,7 @@ import pytest
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, PartRecord
 from capture.calibration.replacement import kept_because
 from capture.calibration.setting import PART_NAMES, PartName, Setting
-from capture.commands.calibrate.flow import calibration_at, keep_parts
+from capture.commands.calibrate_flow import calibration_at, keep_parts
 from classify import Lighting
 from classify.base.errors import CalibrationRejected
 from classify.calibration.calibration import CalibratedLights, Response, Scale

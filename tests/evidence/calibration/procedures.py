@@ -14,7 +14,7 @@ from rig import Placement, Rig, Simulation, open_rig
 
 from .rigs import Conditions, captured_targets
 
-# Frames of each image of the sheet, and its half turn, as in capture/commands/calibrate/.
+# Frames of each image of the sheet, and its half turn, as in capture/commands/calibrate_flow.py.
 _SHEET_FRAMES = 4
 _SHEET = tuple(Placement(surface="plate", rotate_deg=angle) for angle in (0.0, 180.0))
 _SOURCE = ("captured",)

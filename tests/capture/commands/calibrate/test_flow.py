@@ -11,7 +11,7 @@ import pytest
 from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart
 from capture.calibration.setting import Setting
-from capture.commands.calibrate.flow import (
+from capture.commands.calibrate_flow import (
     Target,
     calibration_at,
     keep_parts,

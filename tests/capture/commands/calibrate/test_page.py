@@ -12,7 +12,7 @@ import pytest
 from matplotlib.patches import Ellipse
 
 from capture.calibration.ps4cal import CalibrationFile
-from capture.commands.calibrate.page import (
+from capture.commands.calibrate_page import (
     benefit_of,
     calibration_page,
     hot_pixel_map,

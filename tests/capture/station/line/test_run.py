@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from capture.commands.station.interfaces import mqtt_publisher, plc_line, serving_plc_line
+from capture.commands.station_interfaces import mqtt_publisher, plc_line, serving_plc_line
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import ModbusConfig, MqttConfig

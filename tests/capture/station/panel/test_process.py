@@ -178,8 +178,8 @@ def test_a_panel_of_its_own_outlives_runs(
 
 
 def test_a_run_does_not_load_what_only_its_panel_needs() -> None:
-    modules = ("capture.__main__", "capture.commands.station.run", "capture.station.run.run",
-               "capture.commands.station.interfaces", "capture.station.panel.process")  # fmt: skip
+    modules = ("capture.__main__", "capture.commands.station_run", "capture.station.run.run",
+               "capture.commands.station_interfaces", "capture.station.panel.process")  # fmt: skip
     code = f"import {', '.join(modules)}, sys; print(*sys.modules)"
     loaded = subprocess.check_output((sys.executable, "-c", code), text=True, timeout=WAIT_S)
     assert not {"fastapi", "starlette", "uvicorn"} & set(loaded.split())

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from capture.commands.station.interfaces import panel_settings, running_interfaces
+from capture.commands.station_interfaces import panel_settings, running_interfaces
 from capture.station.domain.errors import CannotListen
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import PanelConfig

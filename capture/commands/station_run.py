@@ -1,18 +1,17 @@
-"""``ps4rig station run``."""
+"""``ps4rig station run`` and ``ps4rig station panel``."""
 
 from __future__ import annotations
 
-from pathlib import Path
+import threading
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from capture.base.console import reports_errors
+from capture.base.console import complain, reports_errors
 from capture.commands import options
 
 if TYPE_CHECKING:
     from capture.station.run.live_view import LiveEvent
-    from capture.station.run.triggers import TriggerSource
 
 
 _Rig = Annotated[
@@ -36,10 +35,10 @@ _ServePanel = Annotated[
     bool | None,
     typer.Option("--panel/--no-panel", help="Serve the panel.", show_default="if its port is free"),
 ]
-Host = Annotated[
+_Host = Annotated[
     str | None, typer.Option(help="Address of the panel.", show_default="that of station.toml")
 ]
-Port = Annotated[
+_Port = Annotated[
     int | None,
     typer.Option(
         min=0,
@@ -56,13 +55,13 @@ _Events = Annotated[bool, typer.Option("--json", help="Print each event as one l
 
 @reports_errors
 def run(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")],
+    folder: options.Station,
     rig: _Rig = None,
     parts: _Parts = None,
     trigger: _Trigger = None,
     panel: _ServePanel = None,
-    host: Host = None,
-    port: Port = None,
+    host: _Host = None,
+    port: _Port = None,
     collect: _Collect = False,
     operator: options.Operator = None,
     json: _Events = False,
@@ -88,8 +87,7 @@ def run(
     from rig.config.lights import led_names
     from rig.config.rig import config_of
 
-    from .interfaces import running_interfaces
-    from .terminal import shown_by
+    from .station_interfaces import running_interfaces, shown_by, trigger_source
 
     with station_folder(folder) as opened:
         config = opened.config
@@ -109,25 +107,33 @@ def run(
             opened, live, trigger, subscribers, panel=panel, host=host, port=port
         ):
             settle_station()
-            source = _source(trigger, config.timer_s)
+            source = trigger_source(trigger, config.timer_s)
             run_options = RunOptions(operator, parts, notifier.report_alive, collect)
             stopped = run_station(opened, rig_config, source, live, run_options)
     if stopped.parts.get(Decision.ERROR) if collect else stopped.rejected:
         raise typer.Exit(1)
 
 
-def _source(trigger: str, timer_s: float) -> TriggerSource:
-    """Return where triggers come from."""
-    from capture.station.run.triggers import LineTrigger, NoTriggers, SensorTrigger, TimerTrigger
+@reports_errors
+def panel(folder: options.Station, host: _Host = None, port: _Port = None) -> None:
+    """Serve the panel of a station until Ctrl-C, beside a run with --no-panel.
 
-    from .terminal import read_key_line
+    It shows results and recipes without a run, too, and follows each run that begins.
+    """
+    from capture.base.process_settings import yield_processors
 
-    match trigger:
-        case "enter":
-            return LineTrigger(read_key_line)
-        case "timer":
-            return TimerTrigger(timer_s)
-        case "sensor":
-            return SensorTrigger()
-        case _:
-            return NoTriggers()
+    yield_processors()
+    from capture.station.domain.folder import StationFolder
+    from capture.station.panel.panel import Panel
+    from capture.station.panel.server import serving_panel
+    from capture.station.panel.station_link import StationLink
+
+    from .station_interfaces import panel_settings
+
+    station, is_over = StationFolder(folder), threading.Event()
+    settings = panel_settings(station.config.panel, host, port)
+    with serving_panel(
+        Panel(station, StationLink(station), settings), ended=is_over.set
+    ) as address:
+        complain(f"panel: {address}")
+        is_over.wait()

@@ -21,12 +21,10 @@ if TYPE_CHECKING:
 
 _SHOWN_PARTS = 50  # parts in the table of a terminal
 
-_Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
-
 
 @reports_errors
 def history(
-    folder: _Folder,
+    folder: options.Station,
     json: options.Json = False,
     csv: Annotated[bool, typer.Option("--csv", help="Print a line of CSV for each part.")] = False,
     since: Annotated[
@@ -89,7 +87,7 @@ def history(
 
 @reports_errors
 def override(
-    folder: _Folder,
+    folder: options.Station,
     part: Annotated[str, typer.Argument(metavar="PART", help="Id of the part.")],
     verdict: Annotated[
         Decision, typer.Option(case_sensitive=False, help="PASS or FAIL.", metavar="PASS|FAIL")

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capture.base.console import reports_errors
+from capture.commands import calibrate_flow as flow
 from capture.commands import options
 from classify.base.errors import CalibrationRejected, InputError
-
-from . import flow
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import MeasuredPart

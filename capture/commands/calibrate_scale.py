@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capture.base.console import reports_errors
+from capture.commands import calibrate_flow as flow
 from capture.commands import options
 from classify.base.errors import InputError
-
-from . import flow
 
 if TYPE_CHECKING:
     from capture.calibration.setting import Setting

@@ -11,8 +11,6 @@ import typer
 from capture.base.console import out, print_json, progress, reports_errors
 from capture.commands import options
 
-from .teach import Station
-
 if TYPE_CHECKING:
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.recipe_file import RecipeFolder
@@ -46,7 +44,7 @@ _Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulated placement
 
 @reports_errors
 def gauge(
-    folder: Station,
+    folder: options.Station,
     known: _KnownPartsFile = None,
     parts: _Parts = 20,
     times: _Times = 3,

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import sys
-from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
 from capture.base.console import command_group, new_table, out, print_table, reports_errors
 from capture.base.utc_time import readable_utc
+from capture.commands import options
 
-_Folder = Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the station.")]
 _UserName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the user.")]
 _ClientName = Annotated[str, typer.Argument(metavar="NAME", help="Name of the API client.")]
 _RoleName = Annotated[
@@ -28,7 +27,7 @@ token_app = command_group("The API clients: programs that may use a station's HT
 
 @user_app.command("add")
 @reports_errors
-def add_user(folder: _Folder, name: _UserName, role: _RoleName) -> None:
+def add_user(folder: options.Station, name: _UserName, role: _RoleName) -> None:
     """Add a user, or change the role and password of one.
 
     The password is asked for, or is the first line of the standard input.
@@ -44,7 +43,7 @@ def add_user(folder: _Folder, name: _UserName, role: _RoleName) -> None:
 
 @user_app.command("kiosk")
 @reports_errors
-def set_kiosk(folder: _Folder) -> None:
+def set_kiosk(folder: options.Station) -> None:
     """Set the PIN by which the line's screens log in as an operator.
 
     Their addresses are kiosk_addresses of station.toml. The PIN is asked for, or is the first line
@@ -63,7 +62,7 @@ def set_kiosk(folder: _Folder) -> None:
 
 @user_app.command("remove")
 @reports_errors
-def remove_user(folder: _Folder, name: _UserName) -> None:
+def remove_user(folder: options.Station, name: _UserName) -> None:
     """Remove a user; the sessions of this user end at once."""
     from capture.station.domain.folder import StationFolder
     from capture.station.results.accounts import accounts_on_the_terminal
@@ -75,7 +74,7 @@ def remove_user(folder: _Folder, name: _UserName) -> None:
 
 @user_app.command("list")
 @reports_errors
-def list_users(folder: _Folder) -> None:
+def list_users(folder: options.Station) -> None:
     """List the users."""
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.users import Users
@@ -88,7 +87,7 @@ def list_users(folder: _Folder) -> None:
 
 @token_app.command("add")
 @reports_errors
-def add_token(folder: _Folder, name: _ClientName, role: _RoleName) -> None:
+def add_token(folder: options.Station, name: _ClientName, role: _RoleName) -> None:
     """Add an API client and print its token, which is not stored."""
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.users import Role
@@ -100,7 +99,7 @@ def add_token(folder: _Folder, name: _ClientName, role: _RoleName) -> None:
 
 @token_app.command("remove")
 @reports_errors
-def remove_token(folder: _Folder, name: _ClientName) -> None:
+def remove_token(folder: options.Station, name: _ClientName) -> None:
     """Remove an API client; its token is invalid at once."""
     from capture.station.domain.folder import StationFolder
     from capture.station.results.accounts import accounts_on_the_terminal
@@ -112,7 +111,7 @@ def remove_token(folder: _Folder, name: _ClientName) -> None:
 
 @token_app.command("list")
 @reports_errors
-def list_tokens(folder: _Folder) -> None:
+def list_tokens(folder: options.Station) -> None:
     """List the API clients."""
     from capture.station.domain.folder import StationFolder
     from capture.station.domain.tokens import Tokens

@@ -146,7 +146,7 @@ def calibration_page(path: Path, file: CalibrationFile, benefit: Benefit, now: d
     """Return the page as HTML."""
     calibration = file.calibration
     return rendered(
-        "commands/calibrate/page.html",
+        "commands/calibrate_page.html",
         title=path.name,
         facts=_facts(file),
         simulated_sheet=any(record.setting.simulated for record in file.records.values()),

@@ -8,9 +8,8 @@ import typer
 from capture.base.console import complain, out, progress, reports_errors
 from capture.base.utc_time import readable_utc
 from capture.commands import options
-from capture.commands.rig_show import print_checks
 
-from .teach import Station
+from .rig_show import print_checks
 
 
 @reports_errors
@@ -28,7 +27,7 @@ def init(
 
 
 @reports_errors
-def doctor(folder: Station, as_json: options.Json = False) -> None:
+def doctor(folder: options.Station, as_json: options.Json = False) -> None:
     """Check everything that a station needs.
 
     It checks recipe, challenge set, calibration, results, disk and rig; where systemd runs, also
@@ -42,7 +41,7 @@ def doctor(folder: Station, as_json: options.Json = False) -> None:
 
 @reports_errors
 def unit(
-    folder: Station,
+    folder: options.Station,
     user: Annotated[
         str, typer.Option(help="The user that the station runs as.", metavar="NAME")
     ] = "ps4rig",
@@ -68,7 +67,7 @@ _BackupFile = Annotated[
 
 
 @reports_errors
-def backup(folder: Station, path: _BackupFile) -> None:
+def backup(folder: options.Station, path: _BackupFile) -> None:
     """Back up a station, also while it runs: results, sets, recipes, settings and users.
 
     The results are those of one moment, with the set files that they name. The backup holds secrets

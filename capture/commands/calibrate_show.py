@@ -15,7 +15,7 @@ from capture.commands import options
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import CalibrationFile
 
-    from .page import Benefit
+    from .calibrate_page import Benefit
 
 _PAGE_SUFFIX = ".html"
 
@@ -38,7 +38,7 @@ def show(
     from capture.calibration.ps4cal import CalibrationFile
     from classify.base.durable_file import durable_file
 
-    from .page import benefit_of, calibration_page, summary_json
+    from .calibrate_page import benefit_of, calibration_page, summary_json
 
     page = output
     if page is None and not json and path.name:
@@ -58,7 +58,7 @@ def show(
 
 
 def _print(file: CalibrationFile, benefit: Benefit, now: datetime) -> None:
-    from .page import part_summaries
+    from .calibrate_page import part_summaries
 
     parts = part_summaries(file, now)
     table = new_table("part", "age", "quality", prose="quality")
