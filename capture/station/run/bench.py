@@ -20,7 +20,7 @@ from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.taught import Taught, TaughtSet, TaughtTexture, TextureModels
 from capture.station.domain.verdict import Decision
-from capture.station.judge.inspector import Inspector
+from capture.station.judge.inspector import Collector, Inspector
 from capture.station.judge.measured_surface import MeasuredSurface
 from capture.station.results.store import open_store
 from classify import Calibration, TextureLibrary, learn_defects
@@ -130,6 +130,9 @@ class _StoredSets:
 
     def open(self) -> None:
         """Do nothing: there is no device."""
+
+    def use(self, inspector: Inspector | Collector) -> None:
+        """Do nothing: the sets are captured."""
 
     def test(self, *, is_start: bool) -> list[Check]:  # noqa: ARG002 - as `PartCamera` has it
         """Return no checks."""

@@ -102,14 +102,15 @@ class Changeover:
         assert recipes is not None
         try:
             with self_test.collecting() as require:
-                require(recipes.use(recipe))
+                camera.use(recipe.inspector)
+                require(recipes.checks(recipe))
                 require(camera.test(is_start=False))
             # Recorded before the announcement: a kill in between leaves a recipe that is usable.
             recipes.keep(recipe, request.by)
         except BaseException as error:
             try:
                 camera.close()
-                recipes.use(recipes.present)
+                camera.use(recipes.present.inspector)
             finally:  # The asker waits without a time-out.
                 refused = RecipeRefused(error_text(error), RecipeRefusal.RIG)
                 request.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)

@@ -15,7 +15,7 @@ from .events import PartRecovered, StationStopped, Warned
 from .live_station import LiveStation
 from .recovery import damaged_sets, finish_interrupted, require_own_sets, unknown_files
 from .retention import retention_in_background
-from .run_recipes import RecipeLoader, RunRecipes
+from .run_recipes import RunRecipes
 from .self_test import check_disk, check_results, set_bytes
 from .station_clock import StationClock
 from .station_rig import StationRig
@@ -42,7 +42,6 @@ def run_station(
     """Run a station until its triggers end; Ctrl-C is raised after the parts in progress."""
     config, clock = folder.config, StationClock()
     operator = options.operator or config.operator
-    loader = RecipeLoader(folder, rig_config.calibration, operator, clock)
 
     def warn(text: str) -> None:
         live.publish(Warned(text))
@@ -50,24 +49,27 @@ def run_station(
     results = config.results_in(folder.path)
     with open_store(results, config.name, create=not folder.has_sets()) as store:
         require_own_sets(folder, store)
+        recipes = RunRecipes(folder, rig_config.calibration, operator, store, clock)
         if options.is_collecting:
             warn(COLLECTING_REASON)
-            first = loader.collecting()
+            recipes.collect()
         else:
-            first = loader.first(store, warn)
-            live.publish(first.loaded_event)
-        rig = StationRig(config, rig_config, first.inspector)
+            recipes.begin(warn)
+            live.publish(recipes.present.loaded_event)
+        rig = StationRig(config, rig_config, recipes.present.inspector)
         for warning in (*damaged_sets(folder.path, store), *unknown_files(folder.path, store)):
             warn(warning)
-        recipes = RunRecipes(folder, loader, store, rig, first)
 
         def prepare() -> list[Check]:
-            return [*recipes.checks(), *_checks(folder, rig_config, store, live, clock)]
+            return [
+                *recipes.checks(recipes.present),
+                *_checks(folder, rig_config, store, live, clock),
+            ]
 
         sensor = PartSensor(rig, store) if isinstance(source, SensorTrigger) else None
         equipment = Equipment(
             rig,
-            first.judge,
+            recipes.present.judge,
             store,
             prepare,
             clock,

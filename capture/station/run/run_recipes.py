@@ -25,7 +25,6 @@ from .events import RecipeLoaded
 from .outcome import PartJudge
 from .self_test import check_calibration_age, require_no_fault
 from .station_clock import StationClock
-from .station_rig import StationRig
 from .triggers import Asker, RecipeRefusal, RecipeRefused
 
 _REFUSAL_OF_ERROR: tuple[tuple[type[Exception], RecipeRefusal], ...] = (
@@ -54,32 +53,39 @@ class UsableRecipe:
         return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
 
 
-class RecipeLoader:
-    """Loads the recipes of a station, each with the `PartJudge` that judges by it."""
+class RunRecipes:
+    """The present recipe of a run, and others that it can load, each with its `PartJudge`.
+
+    `begin` or `collect` gives the present one. `load` may be called while parts are inspected, all
+    other methods only between parts.
+    """
+
+    present: UsableRecipe
 
     def __init__(
         self,
         folder: StationFolder,
         calibration: str | None,
         operator: str | None,
+        store: ResultStore,
         clock: StationClock,
     ) -> None:
         self._folder, self._calibration = folder, calibration
-        self._operator, self._clock = operator, clock
+        self._operator, self._store, self._clock = operator, store, clock
 
-    def first(self, store: ResultStore, warn: Callable[[str], None]) -> UsableRecipe:
+    def begin(self, warn: Callable[[str], None]) -> None:
         """Load the recipe with which a run begins; a draft waits for its approval."""
         name, configured = first_recipe(self._folder), self._folder.config.recipe
         files = self._folder.recipe_files(name)
         try:
             try:
-                return self.load(files)
+                self.present = self._usable(files)
             except NotApproved as error:
-                approved = _approved_recipe(files, store)
+                approved = _approved_recipe(files, self._store)
                 if approved is None:
                     raise
                 warn(f"{error}; until then the approved {approved.version_text} judges")
-                return self.load(files, approved=approved)
+                self.present = self._usable(files, approved=approved)
         except (InputError, ChallengeFailed) as error:
             if name == configured:
                 raise
@@ -88,17 +94,62 @@ class RecipeLoader:
                 f"{error}; it was loaded last: remove {path} to begin with recipe {configured}"
             ) from error
 
-    def load(
+    def collect(self) -> None:
+        """Begin with a recipe that judges nothing; an existing one gives exposure and gain."""
+        files = self._folder.recipe_files(first_recipe(self._folder))
+        exists = files.file.exists()
+        recipe = read_recipe(files.file) if exists else Recipe(name=files.name, passes=())
+        collector = Collector(recipe, FoundCalibration.of_rig(self._calibration))
+        self.present = UsableRecipe(self._judge(collector, {}), collector)
+
+    def load(self, name: str, by: Asker, raise_if_cancelled: Callable[[], None]) -> UsableRecipe:
+        """Load a recipe, or raise RecipeRefused.
+
+        `raise_if_cancelled` is called before every part of the challenge.
+        """
+        try:
+            files = self._folder.recipe_files(name)
+            if not files.file.is_file():
+                raise RecipeRefused(f"recipe {name}: no such recipe", RecipeRefusal.UNKNOWN)
+            usable = self._usable(files, by.name, raise_if_cancelled)
+            require_unchanged(usable.recipe, by.seen_sha256)
+            require_no_fault(self.checks(usable))
+        except RecipeRefused:
+            raise
+        except Exception as error:
+            kind = next(
+                (kind for error_kind, kind in _REFUSAL_OF_ERROR if isinstance(error, error_kind)),
+                None,
+            )
+            raise RecipeRefused(error_text(error), kind or RecipeRefusal.UNFORESEEN) from error
+        return usable
+
+    def keep(self, recipe: UsableRecipe, by: Asker) -> None:
+        """Record the recipe in use, with which the next run begins, or raise RecipeRefused."""
+        try:
+            keep_recipe(self._folder, recipe.recipe.name)
+            try:
+                self._record(recipe, by)
+            except Exception:
+                keep_recipe(self._folder, self.present.recipe.name)
+                raise
+        except Exception as error:
+            raise RecipeRefused(error_text(error), RecipeRefusal.DATABASE) from error
+        self.present = recipe
+
+    def checks(self, recipe: UsableRecipe) -> list[Check]:
+        """Return the checks of a recipe."""
+        inspector = recipe.inspector
+        return list(check_calibration_age(inspector.calibration, inspector.recipe.calibration))
+
+    def _usable(
         self,
         files: RecipeFolder,
         by: str = "",
         raise_if_cancelled: Callable[[], None] = lambda: None,
         approved: Recipe | None = None,
     ) -> UsableRecipe:
-        """Load a recipe, or its state `approved`, and require that it meets its challenge.
-
-        `raise_if_cancelled` is called before every part of the challenge.
-        """
+        """Load a recipe, or its state `approved`, and require that it meets its challenge."""
         inspector = Inspector.of(approved or read_recipe(files.file), files, self._calibration)
         recipe, fingerprint = inspector.recipe, inspector.fingerprint
         require_approved(recipe)
@@ -111,14 +162,6 @@ class RecipeLoader:
             "calibration_sha256": fingerprint.calibration_sha256,
         }
         return UsableRecipe(self._judge(inspector, fields), inspector, by)
-
-    def collecting(self) -> UsableRecipe:
-        """Return a recipe that judges nothing; an existing one still gives exposure and gain."""
-        files = self._folder.recipe_files(first_recipe(self._folder))
-        exists = files.file.exists()
-        recipe = read_recipe(files.file) if exists else Recipe(name=files.name, passes=())
-        collector = Collector(recipe, FoundCalibration.of_rig(self._calibration))
-        return UsableRecipe(self._judge(collector, {}), collector)
 
     def _judge(self, inspector: Inspector | Collector, fields: dict[str, Any]) -> PartJudge:
         def save(captured: CapturedSet, set_file: str) -> None:
@@ -134,69 +177,6 @@ class RecipeLoader:
 
         name = self._folder.config.name
         return PartJudge(name, self._operator, inspector, fields, save, self._clock)
-
-
-class RunRecipes:
-    """The present recipe of a running station, and others that it can load.
-
-    `load` may be called while parts are inspected, all other methods only between parts.
-    """
-
-    def __init__(
-        self,
-        folder: StationFolder,
-        loader: RecipeLoader,
-        store: ResultStore,
-        rig: StationRig,
-        first: UsableRecipe,
-    ) -> None:
-        self._folder, self._loader, self._store, self._rig = folder, loader, store, rig
-        self.present = first
-
-    def load(self, name: str, by: Asker, raise_if_cancelled: Callable[[], None]) -> UsableRecipe:
-        """Load a recipe, or raise RecipeRefused; `raise_if_cancelled` as in `RecipeLoader.load`."""
-        try:
-            files = self._folder.recipe_files(name)
-            if not files.file.is_file():
-                raise RecipeRefused(f"recipe {name}: no such recipe", RecipeRefusal.UNKNOWN)
-            usable = self._loader.load(files, by.name, raise_if_cancelled)
-            require_unchanged(usable.recipe, by.seen_sha256)
-            require_no_fault(self._checks_of(usable))
-        except RecipeRefused:
-            raise
-        except Exception as error:
-            kind = next(
-                (kind for error_kind, kind in _REFUSAL_OF_ERROR if isinstance(error, error_kind)),
-                None,
-            )
-            raise RecipeRefused(error_text(error), kind or RecipeRefusal.UNFORESEEN) from error
-        return usable
-
-    def use(self, recipe: UsableRecipe) -> list[Check]:
-        """Give the rig the settings of a recipe; return the recipe's checks."""
-        self._rig.use(recipe.inspector)
-        return self._checks_of(recipe)
-
-    def keep(self, recipe: UsableRecipe, by: Asker) -> None:
-        """Record the recipe in use, with which the next run begins, or raise RecipeRefused."""
-        try:
-            keep_recipe(self._folder, recipe.recipe.name)
-            try:
-                self._record(recipe, by)
-            except Exception:
-                keep_recipe(self._folder, self.present.recipe.name)
-                raise
-        except Exception as error:
-            raise RecipeRefused(error_text(error), RecipeRefusal.DATABASE) from error
-        self.present = recipe
-
-    def checks(self) -> list[Check]:
-        """Return the checks of the present recipe."""
-        return self._checks_of(self.present)
-
-    def _checks_of(self, recipe: UsableRecipe) -> list[Check]:
-        inspector = recipe.inspector
-        return list(check_calibration_age(inspector.calibration, inspector.recipe.calibration))
 
     def _record(self, recipe: UsableRecipe, by: Asker) -> None:
         before, after = _recipe_text(self.present.recipe), _recipe_text(recipe.recipe)

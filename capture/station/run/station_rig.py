@@ -42,6 +42,9 @@ class PartCamera(Protocol):
     def open(self) -> None:
         """Open the closed rig."""
 
+    def use(self, inspector: Inspector | Collector) -> None:
+        """Use the settings of another recipe; an open rig with other settings is opened again."""
+
     def test(self, *, is_start: bool) -> list[Check]:
         """Check the open rig; compare it with a white sheet at the start, if configured."""
 

@@ -15,7 +15,7 @@ from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.verdict import Decision, Verdict
-from capture.station.judge.inspector import Collector
+from capture.station.judge.inspector import Collector, Inspector
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import ResultStore, open_store
 from capture.station.run.cycle import Station
@@ -86,6 +86,7 @@ class FakeCamera:
     def __init__(self, captured: CapturedSet) -> None:
         self.captured = captured
         self.on_open: Callable[[], None] = lambda: None
+        self.on_use: Callable[[str], None] = lambda _: None
         self.on_capture: Callable[[int], None] = lambda _: None
         self.checks: list[Check] = []
         self.is_open = False
@@ -96,6 +97,9 @@ class FakeCamera:
         self.on_open()
         self.is_open = True
         self.opened += 1
+
+    def use(self, inspector: Inspector | Collector) -> None:
+        self.on_use(inspector.recipe.name)
 
     def test(self, *, is_start: bool) -> list[Check]:  # noqa: ARG002
         return self.checks
@@ -143,7 +147,6 @@ class FakeRecipes:
     def __init__(self) -> None:
         self.on_load: Callable[[str], None] = lambda _: None
         self.raise_if_cancelled: Callable[[], None] = lambda: None
-        self.on_use: Callable[[str], None] = lambda _: None
         self.on_keep: Callable[[str], None] = lambda _: None
         self.present: UsableRecipe
         self.asker: Asker | None = None
@@ -161,8 +164,7 @@ class FakeRecipes:
         self.on_load(name)
         return self.usable(name, by.name)
 
-    def use(self, recipe: UsableRecipe) -> list[Check]:
-        self.on_use(recipe.recipe.name)
+    def checks(self, recipe: UsableRecipe) -> list[Check]:  # noqa: ARG002
         return []
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:  # noqa: ARG002

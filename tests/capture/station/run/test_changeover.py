@@ -231,12 +231,15 @@ def test_a_rig_that_fails_with_the_new_recipe_is_opened_anew_with_the_old_one(
         if name == "brass":
             raise HardwareError("exposure_ms = 900: not possible")
 
-    setattr(recipes, "on_keep" if step == "keep" else "on_use", fail)
+    if step == "keep":
+        recipes.on_keep = fail
+    else:
+        station.camera.on_use = fail
 
     def feed(target: Station) -> None:
         ready(target)
         if step == "test":
-            recipes.on_use = used.append
+            station.camera.on_use = used.append
             is_dead = HardwareError("a dead LED: not possible")
             station.camera.test = Mock(side_effect=[is_dead, []])  # type: ignore[method-assign]
         refused = refusal(target)
@@ -258,7 +261,7 @@ def test_the_asker_has_an_answer_when_the_rig_refuses_the_old_settings_too(
     def fail(name: str) -> None:
         raise HardwareError(f"the camera refuses the settings of {name}")
 
-    recipes_of(station).on_use = fail
+    station.camera.on_use = fail
 
     def feed(target: Station) -> None:
         ready(target)

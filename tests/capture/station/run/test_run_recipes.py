@@ -16,7 +16,7 @@ from capture.station.judge.inspector import Collector
 from capture.station.results.audit import newest_changes
 from capture.station.results.store import ResultStore, open_store
 from capture.station.run.live_station import LiveStation
-from capture.station.run.run_recipes import RecipeLoader, RunRecipes
+from capture.station.run.run_recipes import RunRecipes
 from capture.station.run.self_test import SelfTestFailed
 from capture.station.run.states import State
 from capture.station.run.station_clock import StationClock
@@ -36,11 +36,6 @@ def opened(station: Path, files: RecipeFolder) -> StationFolder:
 
 
 @pytest.fixture
-def loader(opened: StationFolder) -> RecipeLoader:
-    return RecipeLoader(opened, None, "Ada", StationClock())
-
-
-@pytest.fixture
 def store(opened: StationFolder) -> Iterator[ResultStore]:
     results = opened.config.results_in(opened.path)
     with open_store(results, opened.config.name, create=True) as made:
@@ -48,10 +43,10 @@ def store(opened: StationFolder) -> Iterator[ResultStore]:
 
 
 @pytest.fixture
-def recipes(opened: StationFolder, loader: RecipeLoader, store: ResultStore) -> RunRecipes:
-    first = loader.first(store, quiet)
-    rig = StationRig(opened.config, SMALL_RIG, first.inspector)
-    return RunRecipes(opened, loader, store, rig, first)
+def recipes(opened: StationFolder, store: ResultStore) -> RunRecipes:
+    recipes = RunRecipes(opened, None, "Ada", store, StationClock())
+    recipes.begin(quiet)
+    return recipes
 
 
 def raise_if_cancelled() -> None:
@@ -77,7 +72,6 @@ def test_a_changed_recipe_comes_into_force_when_it_is_loaded_again(
     changed(files, note="sheet 7")
     assert recipes.present is before
     wanted = recipes.load("example", KIM, raise_if_cancelled)
-    recipes.use(wanted)
     assert recipes.present is before
     assert newest_changes(store, 5) == []  # the self-test may still fail
     recipes.keep(wanted, KIM)
@@ -106,17 +100,13 @@ def test_a_recipe_that_was_changed_since_somebody_saw_it_is_refused(
 
 
 def test_the_light_of_the_recipe_is_that_of_the_rig(
-    recipes: RunRecipes,
-    opened: StationFolder,
-    loader: RecipeLoader,
-    files: RecipeFolder,
-    store: ResultStore,
+    recipes: RunRecipes, opened: StationFolder, files: RecipeFolder
 ) -> None:
     rig = StationRig(opened.config, SMALL_RIG, recipes.present.inspector)
     opening = Mock(wraps=rig.open)
     rig.open = opening  # type: ignore[method-assign]
     rig.open()
-    RunRecipes(opened, loader, store, rig, recipes.present).use(recipes.present)
+    rig.use(recipes.present.inspector)
     assert opening.call_count == 1  # the settings are the same
     recipe = read_recipe(files.file)
     other = type(recipe).model_validate(recipe.model_dump() | {"light": {"exposure_ms": 12.0}})
@@ -226,17 +216,18 @@ def test_a_last_recipe_that_fails_its_challenge_is_named_with_the_way_out(
     keep_recipe(opened, "example")
     said = rf"{sand} must be UNKNOWN.*: remove .*{LAST_RECIPE} to begin with recipe brass$"
     with pytest.raises(ChallengeFailed, match=said):
-        RecipeLoader(opened, None, "Ada", StationClock()).first(store, quiet)
+        RunRecipes(opened, None, "Ada", store, StationClock()).begin(quiet)
 
 
 def test_a_draft_waits_and_the_approved_recipe_judges(
-    loader: RecipeLoader, store: ResultStore, files: RecipeFolder
+    opened: StationFolder, store: ResultStore, files: RecipeFolder
 ) -> None:
+    recipes = RunRecipes(opened, None, "Ada", store, StationClock())
     approved = read_recipe(files.file)
     changed(files, None, note="sheet 7")
     warnings: list[str] = []
-    first = loader.first(store, warnings.append)
-    assert first.recipe == approved
+    recipes.begin(warnings.append)
+    assert recipes.present.recipe == approved
     [warning] = warnings
     assert "approve" in warning
     assert approved.version_text in warning
@@ -249,18 +240,20 @@ def test_without_any_approved_state_a_draft_ends_the_start(
         copy.unlink()
     changed(files, None, note="sheet 7")
     with pytest.raises(NotApproved):
-        RecipeLoader(StationFolder(station), None, "Ada", StationClock()).first(store, quiet)
+        RunRecipes(StationFolder(station), None, "Ada", store, StationClock()).begin(quiet)
 
 
 def test_after_a_roll_back_and_a_draft_the_state_that_judged_last_is_loaded(
-    loader: RecipeLoader, store: ResultStore, files: RecipeFolder, opened: StationFolder
+    recipes: RunRecipes, store: ResultStore, files: RecipeFolder, opened: StationFolder
 ) -> None:
     first = read_recipe(files.file)
     changed(files, note="sheet 7")
     later = read_recipe(files.file)
     roll_back(files, first.sha256)
     changed(files, None, note="sheet 8")
-    assert loader.first(store, quiet).recipe.sha256 == later.sha256
+    recipes.begin(quiet)
+    assert recipes.present.recipe.sha256 == later.sha256
     [part] = many(opened.config.name, 1)
     fill(store, [replace(part, recipe=files.name, recipe_sha256=first.sha256)])
-    assert loader.first(store, quiet).recipe.sha256 == first.sha256
+    recipes.begin(quiet)
+    assert recipes.present.recipe.sha256 == first.sha256
