@@ -10,7 +10,7 @@ class HardwareError(Ps4rigError):
     """Hardware that is missing, does not answer, or answers wrongly."""
 
     exit_status = 3
-    device = "rig"  # camera or lights
+    device = "rig"  # subclasses name the camera or the lights
 
 
 class LightControllerError(HardwareError):
@@ -42,5 +42,5 @@ class ControlError(CameraError):
 
     def __init__(self, path: str, *faults: ControlFault) -> None:
         self.faults = faults
-        advices = dict.fromkeys(fault.advice for fault in faults)
-        super().__init__(f"{path}: " + "; ".join([*(fault.message for fault in faults), *advices]))
+        advice = dict.fromkeys(fault.advice for fault in faults)
+        super().__init__(f"{path}: " + "; ".join([*(fault.message for fault in faults), *advice]))

@@ -131,7 +131,7 @@ def _retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
     causes, residual = [], agreement.redundancy_residual
     if residual > acceptance.MAX_REDUNDANCY_RESIDUAL:
         causes.append(f"the redundancy residual is {residual:.1%} of the signal")
-    if agreement.compared_rows < acceptance.MIN_COMPARED_ROWS:
+    if agreement.compared_rows < acceptance.MIN_COMPARED_ROW_SHARE:
         causes.append(f"all lights together reach {agreement.compared_rows:.0%} of the rows")
     if agreement.levels is None:
         causes.append("no LED levels explain the light images")
