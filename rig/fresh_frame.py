@@ -1,6 +1,6 @@
 """Wait for a frame that was exposed after a switch of the lights."""
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from enum import Enum
@@ -12,11 +12,13 @@ from .lights.driver import Switch
 from .lights.sequence import RunningSequence, exposure_left_s
 from .rig import Rig
 
-# Time to wait beyond that by frame rate and queue, for a camera that has just started to stream or
-# a busy computer. A longer time only delays the error message.
+# Margin on the time that the frames of the queue take: for a camera that has just started to stream
+# or a busy computer. A longer one only delays the error message.
 SPARE_S = 2.0
-# Interval of asking whether a sequence is over.
-_POLL_S = 0.001
+# Frames to wait for besides those in the queue: one in transfer, one that is exposed during the
+# switch, and the fresh one.
+FRAMES_BESIDES_QUEUE = 3
+_POLL_S = 0.001  # interval of asking whether a sequence is over
 
 
 class FrameKind(Enum):
@@ -68,7 +70,7 @@ def begin_sequence(
 
 
 def _triggered_frame(rig: Rig, plan: SequencePlan) -> Frame:
-    """The frame of a sequence of one step: without a trigger the camera gives none."""
+    """The frame of a sequence of one step, which triggers the camera."""
     sequence = begin_sequence(rig, plan)
     frame = next_fresh_frame(rig, sequence.sent_s)
     while sequence.is_running():
@@ -89,32 +91,33 @@ def kind_of(frame: Frame, not_before_s: float) -> FrameKind:
 def next_fresh_frame(
     rig: Rig,
     not_before_s: float,
-    receive: Callable[[Frame, float], FrameKind] = kind_of,
+    classify: Callable[[Frame, float], FrameKind] = kind_of,
     spare_s: float = SPARE_S,
 ) -> Frame:
     """Return the first fresh frame, with the parameters and errors of `frames_until_fresh`."""
-    ((frame, _),) = deque(frames_until_fresh(rig, not_before_s, receive, spare_s), maxlen=1)
-    return frame
+    frames = frames_until_fresh(rig, not_before_s, classify, spare_s)
+    return next(frame for frame, kind in frames if kind is FrameKind.FRESH)
 
 
 def frames_until_fresh(
     rig: Rig,
     not_before_s: float,
-    receive: Callable[[Frame, float], FrameKind] = kind_of,
+    classify: Callable[[Frame, float], FrameKind] = kind_of,
     spare_s: float = SPARE_S,
 ) -> Iterator[tuple[Frame, FrameKind]]:
     """Read frames up to and including the first one exposed after `not_before_s`."""
-    info, now_s = rig.camera.info, rig.clock.now_s()
-    frames_s = (info.queue_length + 3) * info.frame_period_s + info.exposure_s
-    timeout_s = max(not_before_s - now_s, 0.0) + frames_s + spare_s
+    info, started_s = rig.camera.info, rig.clock.now_s()
+    frame_count = info.queue_length + FRAMES_BESIDES_QUEUE
+    frames_s = frame_count * info.frame_period_s + info.exposure_s
+    timeout_s = max(not_before_s - started_s, 0.0) + frames_s + spare_s
     counts: Counter[FrameKind] = Counter()
     # Also read the frames that were queued while a busy computer did not run this program.
-    while rig.clock.now_s() < now_s + timeout_s or counts.total() < info.queue_length + 3:
+    while rig.clock.now_s() < started_s + timeout_s or counts.total() < frame_count:
         # The full time for each read: after a stale frame the camera may still be slow.
         frame = rig.camera.read(timeout_s)
-        kind = receive(frame, not_before_s)
+        kind = classify(frame, not_before_s)
         counts[kind] += 1
         yield frame, kind
         if kind is FrameKind.FRESH:
             return
-    raise NoFreshFrameError(counts, rig.clock.now_s() - now_s)
+    raise NoFreshFrameError(counts, rig.clock.now_s() - started_s)

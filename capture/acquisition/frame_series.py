@@ -13,7 +13,15 @@ from classify.base.errors import ConfigError
 from classify.calibration.dark import DarkFrames, dark_of
 from rig import CameraError, Frame, Rig
 from rig.cameras.camera import EXPOSURE_LAG_FRAMES, Pixels
-from rig.fresh_frame import SPARE_S, FrameKind, fresh_frame, kind_of, next_fresh_frame, switch_to
+from rig.fresh_frame import (
+    FRAMES_BESIDES_QUEUE,
+    SPARE_S,
+    FrameKind,
+    fresh_frame,
+    kind_of,
+    next_fresh_frame,
+    switch_to,
+)
 from rig.signals import signals_held_back
 
 from .fresh_frames import RepeatDetector, check_frame
@@ -119,7 +127,7 @@ def frames_at(rig: Rig, light: int, exposure_ms: float, count: int) -> Pixels:
     rig.camera.set_exposure(exposure_ms)
     info = rig.camera.info
     for _ in range(info.queue_length + EXPOSURE_LAG_FRAMES):
-        rig.camera.read((info.queue_length + 3) * info.frame_period_s + SPARE_S)
+        rig.camera.read((info.queue_length + FRAMES_BESIDES_QUEUE) * info.frame_period_s + SPARE_S)
     return frame_series(rig, light, count)
 
 
