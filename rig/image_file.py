@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -41,7 +41,7 @@ _MAX_COMPRESSION = 200
 # Rotations by 90 degrees anticlockwise after mirroring left to right (EXIF 2.32, section 4.6.4).
 _ROTATIONS = {1: 0, 2: 0, 3: 2, 4: 2, 5: 1, 6: 3, 7: 3, 8: 1}
 _MIRRORED = (2, 4, 5, 7)
-_TGA_SIGNATURE, _TGA_PREMULTIPLIED = b"TRUEVISION-XFILE.\0", 4
+_TGA_SIGNATURE, _TGA_EXTENSION_BYTES, _TGA_PREMULTIPLIED = b"TRUEVISION-XFILE.\0", 495, 4
 _TGA_RGB, _TGA_GREY, _TGA_RUN_LENGTHS = 2, 3, 8  # image types, and the bit of their compression
 _PREMULTIPLIED = "its colours are multiplied by their alpha; save it without alpha"
 # EXIF data, XMP with its extensions, and image resources.
@@ -128,22 +128,22 @@ def _jpeg(content: bytes) -> _Decoded:
     if not content.startswith(b"\xff\xd8"):
         raise ValueError("no JPEG signature")
     rows, columns, colours, _ = simplejpeg.decode_jpeg_header(content)
-    grey = colours.lower() == "gray"
-    if not grey and colours.lower() not in ("rgb", "ycbcr"):
+    is_grey = colours.lower() == "gray"
+    if not is_grey and colours.lower() not in ("rgb", "ycbcr"):
         raise InputError(f"JPEG pixels are {colours}; save it as grey or RGB")
-    _require_size(rows, columns, rows * columns * (1 if grey else 3), len(content))
-    image: npt.NDArray[np.uint8] = simplejpeg.decode_jpeg(content, "gray" if grey else "rgb")
+    _require_size(rows, columns, rows * columns * (1 if is_grey else 3), len(content))
+    image: npt.NDArray[np.uint8] = simplejpeg.decode_jpeg(content, "gray" if is_grey else "rgb")
     header = JpegImageFile(io.BytesIO(content))
     segments = [data for _, data in header.applist if data.startswith(_METADATA_SEGMENTS)]
     exif = [data for data in segments if data[:4].upper() == b"EXIF"]
     if sum(data[6:10] in (b"II*\0", b"MM\0*") for data in exif) > 1:
         raise InputError("holds EXIF data twice; remove one of them")
-    # EXIF data of more than one segment begin in the first.
+    # EXIF data may continue in further segments, each with its own marker.
     joined_exif = [b"".join((exif[0], *(data[6:] for data in exif[1:])))] if exif else []
     others = [data for data in segments if data not in exif]
     info = {name: header.info[name] for name in header.info.keys() - {"exif", "xmp"}}
     metadata = metadata_of_info(info, segments=[*joined_exif, *others])
-    return image[:, :, 0] if grey else image, metadata
+    return image[:, :, 0] if is_grey else image, metadata
 
 
 def _png(content: bytes) -> _Decoded:
@@ -153,26 +153,27 @@ def _png(content: bytes) -> _Decoded:
     from PIL.PngImagePlugin import PngImageFile
 
     chunks = list(_png_chunks(content))
-    kinds = {chunk[4:8]: chunk[8:-4] for chunk in chunks}
     colour_type = _check_png_header(chunks, len(content))
-    if b"acTL" in kinds:
+    data_of = {chunk.kind: chunk.data for chunk in chunks}
+    if b"acTL" in data_of:
         raise InputError("an animation; save one image")
-    names = [
-        chunk[8:].split(b"\0")[0] if chunk[4:8] in _PNG_TEXTS else chunk[4:8] for chunk in chunks
-    ]
-    for name in (name.decode("latin-1") for name, count in Counter(names).items() if count > 1):
+    names = Counter(
+        chunk.data.split(b"\0")[0] if chunk.kind in _PNG_TEXTS else chunk.kind for chunk in chunks
+    )
+    for name in (name.decode("latin-1") for name, count in names.items() if count > 1):
         if name in _PNG_METADATA or name.startswith("Raw profile type "):
             raise InputError(f"holds {name} twice; remove one of them")
     critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if colour_type == _PNG_PALETTE else ()))
-    critical_png = _PNG_SIGNATURE + b"".join(chunk for chunk in chunks if chunk[4:8] in critical)
-    image: Any = imagecodecs.png_decode(critical_png)
+    critical_content = b"".join(chunk.content for chunk in chunks if chunk.kind in critical)
+    image: Any = imagecodecs.png_decode(_PNG_SIGNATURE + critical_content)
     # Pillow reads only the chunks before the pixels.
-    chunks.sort(key=lambda chunk: chunk[4:8] in (b"IDAT", b"IEND"))
-    info = PngImageFile(io.BytesIO(_PNG_SIGNATURE + b"".join(chunks))).info
+    chunks.sort(key=lambda chunk: chunk.kind in (b"IDAT", b"IEND"))
+    sorted_content = b"".join(chunk.content for chunk in chunks)
+    info = PngImageFile(io.BytesIO(_PNG_SIGNATURE + sorted_content)).info
     stated_responses = []
-    if b"cICP" in kinds:
+    if b"cICP" in data_of:
         # Transfer characteristics of ITU-T H.273, then full-range RGB.
-        code = kinds[b"cICP"][1:]
+        code = data_of[b"cICP"][1:]
         responses = {b"\x08\0\1": "linear", b"\x0d\0\1": "srgb"}
         stated_responses = [responses.get(code, f"colour space {[*code]}")]
     metadata = metadata_of_info(info, *stated_responses)
@@ -181,8 +182,13 @@ def _png(content: bytes) -> _Decoded:
     return image[:, :, :3], metadata
 
 
-def _png_chunks(content: bytes) -> Iterator[bytes]:
-    """Yield each chunk: length, type, data and checksum."""
+class _PngChunk(NamedTuple):
+    kind: bytes
+    data: bytes
+    content: bytes  # length, kind, data and checksum
+
+
+def _png_chunks(content: bytes) -> Iterator[_PngChunk]:
     start = len(_PNG_SIGNATURE)
     if content[:start] != _PNG_SIGNATURE:
         raise ValueError("no PNG signature")
@@ -190,18 +196,19 @@ def _png_chunks(content: bytes) -> Iterator[bytes]:
         end = start + 8 + int.from_bytes(content[start : start + 4], "big")
         if content[end : end + 4] != zlib.crc32(content[start + 4 : end]).to_bytes(4, "big"):
             raise ValueError("a checksum is wrong")
-        yield content[start : end + 4]
-        if content[start + 4 : start + 8] == b"IEND":
+        kind = content[start + 4 : start + 8]
+        yield _PngChunk(kind, content[start + 8 : end], content[start : end + 4])
+        if kind == b"IEND":
             return
         start = end + 4
     raise ValueError("the end is missing")
 
 
-def _check_png_header(chunks: list[bytes], file_bytes: int) -> int:
+def _check_png_header(chunks: list[_PngChunk], file_bytes: int) -> int:
     """Check the header and the size that it declares; return the colour type."""
-    if not chunks or chunks[0][4:8] != b"IHDR" or len(chunks[0]) != 25:
+    if not chunks or chunks[0].kind != b"IHDR" or len(chunks[0].data) != 13:
         raise ValueError("no header")
-    columns, rows, depth, colour_type = struct.unpack(">IIBB", chunks[0][8:18])
+    columns, rows, depth, colour_type = struct.unpack(">IIBB", chunks[0].data[:10])
     samples = _PNG_SAMPLES.get(colour_type, 0)
     _require_size(rows, columns, rows * columns * samples * depth // 8, file_bytes)
     return int(colour_type)
@@ -226,10 +233,11 @@ def _tga(content: bytes) -> _Decoded:
     except OSError as error:  # also for a run that crosses rows, in a complete file
         raise InputError(f"TGA: {error}; it may be truncated, else save it as PNG") from error
     # Extension area of the TGA specification 2.0: gamma as a fraction, and the type of alpha.
-    start = int.from_bytes(content[-26:-22], "little") * content.endswith(_TGA_SIGNATURE)
-    area = content[start : start + 495] if start else bytes(495)
-    dividend, divisor = struct.unpack_from("<HH", area, 478)
-    if area[494] == _TGA_PREMULTIPLIED and (pixels.T[3:] < 255).any():
+    extension = bytes(_TGA_EXTENSION_BYTES)
+    if content.endswith(_TGA_SIGNATURE) and (start := int.from_bytes(content[-26:-22], "little")):
+        extension = content[start : start + _TGA_EXTENSION_BYTES]
+    dividend, divisor = struct.unpack_from("<HH", extension, 478)
+    if extension[494] == _TGA_PREMULTIPLIED and (pixels.T[3:] < 255).any():
         raise InputError(_PREMULTIPLIED)
     metadata = ImageMetadata(response=power_response(dividend / divisor) if divisor else None)
     return pixels if pixels.ndim == 2 else pixels[:, :, :3], metadata
@@ -242,26 +250,27 @@ def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
 
     tifffile.logger().addHandler(logging.NullHandler())  # keeps its warnings away from stderr
     with tifffile.TiffFile(io.BytesIO(content)) as tiff:
-        pages: list[tuple[Any, Any]] = [(child, child) for child in tiff.pages]
+        # Each page with its parent, which a page of the top level is itself.
+        pages: list[tuple[Any, Any]] = [(page, page) for page in tiff.pages]
         pages += [(child, parent) for parent, _ in pages for child in parent.pages or ()]
         if not pages:
             raise ValueError("it holds no image")
-        full = [candidate for candidate in pages if not candidate[0].subfiletype & ~_ONE_OF_SEVERAL]
-        if len(full) != 1:
-            raise InputError(f"holds {len(full)} images of full resolution; save one in a file")
-        page, parent = full[0]
+        full_pages = [pair for pair in pages if not pair[0].subfiletype & ~_ONE_OF_SEVERAL]
+        if len(full_pages) != 1:
+            raise InputError(
+                f"holds {len(full_pages)} images of full resolution; save one in a file"
+            )
+        page, parent = full_pages[0]
         segments = zip(page.dataoffsets, page.databytecounts, strict=True)
         if any(size == 0 or start + size > len(content) for start, size in segments):
             raise ValueError("a part of the pixels is missing")
         samples = math.prod(page.chunked) * math.prod(page.chunks)
         declared = samples * max(8, *np.ravel(page.bitspersample).tolist()) // 8
         _require_size(page.imagelength, page.imagewidth, declared, len(content))
-        # Each file of an OME-TIFF lists the images of all of them.
-        stacks = (
-            [] if tiff.is_ome else [series for series in tiff.series if series.keyframe is page]
-        )
+        # The series of an OME-TIFF may have images in other files.
+        own_series = [] if tiff.is_ome else [each for each in tiff.series if each.keyframe is page]
         if page.imagedepth > 1 or any(
-            series.size != page.size or series.transform for series in stacks
+            series.size != page.size or series.transform for series in own_series
         ):
             raise InputError("holds a stack of images; save one in a file")
         metadata = metadata_of_pages(*dict.fromkeys((parent, page)))
@@ -303,10 +312,11 @@ def _tiff_pixels(page: "tifffile.TiffPage") -> Array:
     return pixels[:, :, 0] if colours == 1 else pixels[:, :, :3]
 
 
-_CFA, _LINEAR_RAW, _UNSIGNED = 32803, 34892, 1
+_CFA, _LINEAR_RAW = 32803, 34892  # photometric interpretations of a mosaic, and of whole pixels
+_UNSIGNED = 1  # a sample format
 _RATIONALS = (5, 10)  # field types of TIFF 6.0, unsigned and signed
-_CFA_LAYOUT, _RECTANGULAR = 50711, 1
 # Tags of the Digital Negative Specification 1.7.
+_CFA_LAYOUT, _RECTANGULAR = 50711, 1
 _BLACK_REPEAT, _BLACK, _BLACK_DELTA_H, _BLACK_DELTA_V, _WHITE = range(50713, 50718)
 # Lists of corrections before demosaicing, and those that change the response of pixels or rows.
 _OPCODE_LISTS, _RESPONSE_OPCODES = (51008, 51009), (7, 8, 10, 11, 12, 13)
@@ -322,16 +332,20 @@ def _linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
         ) from None
     samples, kind = page.samplesperpixel, page.photometric
     refusal = InputError("a raw image of a kind that is not handled; convert it to a TIFF")
-    is_known = (kind, samples) in ((_CFA, 1), (_LINEAR_RAW, 1), (_LINEAR_RAW, 3))
-    is_known &= page.tags.valueof(_CFA_LAYOUT, _RECTANGULAR) == _RECTANGULAR
-    deltas = (_numbers(page, tag, 0) for tag in (_BLACK_DELTA_H, _BLACK_DELTA_V))
-    if not is_known or page.sampleformat != _UNSIGNED or any(delta.any() for delta in deltas):
-        raise refusal
-    for opcode in (
-        opcode for tag in _OPCODE_LISTS for opcode in _opcodes(page.tags.valueof(tag, b""))
+    black_deltas = (_numbers(page, tag, 0) for tag in (_BLACK_DELTA_H, _BLACK_DELTA_V))
+    if (
+        (kind, samples) not in ((_CFA, 1), (_LINEAR_RAW, 1), (_LINEAR_RAW, 3))
+        or page.tags.valueof(_CFA_LAYOUT, _RECTANGULAR) != _RECTANGULAR
+        or page.sampleformat != _UNSIGNED
+        or any(delta.any() for delta in black_deltas)
     ):
-        if opcode in _RESPONSE_OPCODES:
-            raise InputError(f"corrected by opcode {opcode}, which is not handled; convert to TIFF")
+        raise refusal
+    for tag in _OPCODE_LISTS:
+        for opcode in _opcodes(page.tags.valueof(tag, b"")):
+            if opcode in _RESPONSE_OPCODES:
+                raise InputError(
+                    f"corrected by opcode {opcode}, which is not handled; convert to TIFF"
+                )
     with rawpy.imread(io.BytesIO(content)) as raw:
         shape, values = raw.raw_image.shape[:2], np.atleast_3d(raw.raw_image_visible)
         if shape != page.shape[:2] or (kind == _CFA and raw.num_colors != 3):
@@ -351,10 +365,11 @@ def _linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
 
 
 def _from_black_to_white(values: Array, page: Any) -> npt.NDArray[np.uint16]:
+    """Raw values, with the page's black level at 0 and its white level at 65535."""
     rows, columns = values.shape[:2]
-    down, across = _numbers(page, _BLACK_REPEAT, 1, 1).astype(int)
-    pattern = _numbers(page, _BLACK, 0).reshape(down, across, -1)
-    black = pattern[np.ix_(np.arange(rows) % down, np.arange(columns) % across)]
+    tile_rows, tile_columns = _numbers(page, _BLACK_REPEAT, 1, 1).astype(int)
+    tile = _numbers(page, _BLACK, 0).reshape(tile_rows, tile_columns, -1)
+    black = tile[np.ix_(np.arange(rows) % tile_rows, np.arange(columns) % tile_columns)]
     white = _numbers(page, _WHITE, (1 << page.bitspersample) - 1)
     for levels in (black, white):
         if levels.shape[-1] not in (1, values.shape[2]):
@@ -375,8 +390,8 @@ def _numbers(page: Any, tag: int, *default: float) -> FloatMap:
 
 
 def _opcodes(content: bytes) -> Iterator[int]:
-    start = 4
+    start = 4  # after the number of opcodes
     while len(content) >= start + 16:
-        opcode, _, _, length = struct.unpack_from(">4I", content, start)
+        opcode, _version, _flags, parameter_bytes = struct.unpack_from(">4I", content, start)
         yield opcode
-        start += 16 + length
+        start += 16 + parameter_bytes

@@ -23,11 +23,11 @@ _XMP_NUMBER = re.compile(
     rb"[<\s](?:[\w-]+:)?(Orientation|ColorSpace)"
     rb"(?:\s*=\s*[\"']|(?:\s[^<>]*)?>(?:\s*<rdf:value>)?)\s*([^\"'<]*)"
 )
-# EXIF data and XMP in the image resources of Photoshop, without a name, and their length.
+# Photoshop's image resources with EXIF data and XMP: a number, an empty name and a length.
 _PHOTOSHOP_RESOURCE = re.compile(rb"8BIM\x04[\x22\x24]\0\0(.{4})", re.DOTALL)
 # The marker before EXIF data; some programs write it in capitals, with another last byte, or twice.
 _EXIF_NAME = re.compile(rb"\A(?:exif\0.)+", re.DOTALL | re.IGNORECASE)
-_TIFF_BLOBS, _EXIF_TEXT = ("XMP", "ImageResources"), "exif:Orientation"
+_TIFF_METADATA_TAGS, _EXIF_TEXT = ("XMP", "ImageResources"), "exif:Orientation"
 _SRGB, _UNCALIBRATED = 1, 0xFFFF
 _RESPONSE_TAGS = ("GrayResponseCurve", "TransferFunction", "ReferenceBlackWhite")
 # Largest difference, in 255 steps of lightness, between a profile and a response for both to count
@@ -49,19 +49,21 @@ def metadata_of_info(
     info: Mapping[Any, Any], *responses: str, segments: Sequence[bytes] = ()
 ) -> ImageMetadata:
     """Return what Pillow's `info` of a JPEG or PNG states, and segments with EXIF data or XMP."""
-    texts = [text for name, text in info.items() if str(name).startswith("Raw profile type ")]
     blobs = [info.get("exif"), info.get("xmp"), str(info.get("XML:com.adobe.xmp", "")).encode()]
     # ImageMagick writes profiles into a PNG as name, length and hexadecimal digits, and the tags
     # of EXIF data as texts.
-    blobs += [bytes.fromhex("".join(text.split()[2:])) for text in texts]
+    raw_profiles = [info[name] for name in info if str(name).startswith("Raw profile type ")]
+    blobs += [bytes.fromhex("".join(text.split()[2:])) for text in raw_profiles]
     directories, packets, profiles = _contents([*filter(None, blobs), *segments])
     directories.append({"Orientation": info.get(_EXIF_TEXT, 0)})
     if "icc_profile" in info:
         profiles.insert(0, info["icc_profile"])
-    stated = [*responses, *map(_profile_response, profiles), *["srgb"] * ("srgb" in info)]
+    stated_responses = [*responses, *map(_profile_response, profiles)]
+    if "srgb" in info:
+        stated_responses.append("srgb")
     if "gamma" in info:
-        stated.append(power_response(1.0 / info["gamma"] if info["gamma"] else math.inf))
-    return _metadata(directories, packets, stated)
+        stated_responses.append(power_response(1.0 / info["gamma"] if info["gamma"] else math.inf))
+    return _metadata(directories, packets, stated_responses)
 
 
 def metadata_of_pages(*pages: Any) -> ImageMetadata:
@@ -69,9 +71,9 @@ def metadata_of_pages(*pages: Any) -> ImageMetadata:
     directories = [{tag.name: tag.value for tag in page.tags} for page in pages]
     directories += [ifd["ExifTag"] for ifd in directories if "ExifTag" in ifd]
     profiles = [ifd["InterColorProfile"] for ifd in directories if "InterColorProfile" in ifd]
-    blobs = [bytes(ifd[name]) for ifd in directories for name in _TIFF_BLOBS if name in ifd]
-    more, packets, _ = _contents(blobs)
-    return _metadata([*directories, *more], packets, [*map(_profile_response, profiles)])
+    blobs = [bytes(ifd[name]) for ifd in directories for name in _TIFF_METADATA_TAGS if name in ifd]
+    embedded, packets, _ = _contents(blobs)
+    return _metadata([*directories, *embedded], packets, [*map(_profile_response, profiles)])
 
 
 def _contents(blobs: Iterable[bytes]) -> tuple[list[Mapping[Any, Any]], list[bytes], list[bytes]]:
