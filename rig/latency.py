@@ -20,17 +20,17 @@ from rig.step_fit import StepFit, Steps, fit_steps
 
 # Bands of rows in a frame: more make the fit slower, fewer the readout less certain.
 _BANDS = 32
-# Frame periods that are recorded after a step, beside stale frames. They contain its end.
+# Frame periods that are recorded after a step has settled, so that each row shows the new level.
 _PERIODS_AFTER = 2.0
 # Share of the range by which the light of a band must change. With less, noise dominates.
 _MIN_CONTRAST = 0.01
 # Drift of the controller's crystal relative to that of this computer. Common crystals have 50 ppm.
 _CLOCK_DRIFT = 5e-5
-# Number of exchanges before and after an exchange whose bounds are combined: enough that one of
-# them is fast, few enough that the clocks hardly drift.
+# Number of earlier and of later exchanges whose bounds are combined with those of an exchange:
+# enough that one of them is fast, few enough that the clocks hardly drift.
 _NEIGHBOURS = 8
-# The second half of the switches is aimed at the exposures and this share before and after them,
-# because their ends are known only roughly after the first half.
+# Share of an exposure by which switches of the second half may come before or after it: the first
+# half gives the ends of the exposures only roughly.
 _AIM_MARGIN = 0.1
 
 
@@ -42,7 +42,7 @@ class _Recording:
     switches: list[tuple[float, float, float, bool]] = field(default_factory=list)
     reported_s: list[float] = field(default_factory=list)
     arrived_s: list[float] = field(default_factory=list)
-    of_step: list[int] = field(default_factory=list)
+    step_numbers: list[int] = field(default_factory=list)
     levels: list[Floats] = field(default_factory=list)  # (B,) each
 
 
@@ -52,17 +52,17 @@ class _Evaluation:
 
     steps: Steps
     fit: StepFit
-    of_step: Indices  # (F,) number of each frame's switch
-    after_s: Floats  # (F,) arrival of each frame after the acknowledgement
-    delay_s: float  # from the command to the switch
-    unknown_s: float  # uncertainty of the times of the switches
+    step_numbers: Indices  # (F,) number of each frame's switch
+    delays_s: Floats  # (F,) from the acknowledgement of the switch to the arrival of each frame
+    command_delay_s: float  # from the command to the switch
+    switch_uncertainty_s: float
 
     def wait_s(self, phase: float, now_s: float, reported_s: float) -> float:
         """Time until a command switches at `phase`, 0 to 1, of a coming exposure."""
         aim_s = ((1.0 + 2.0 * _AIM_MARGIN) * phase - _AIM_MARGIN) * (
             self.steps.exposure_s + self.fit.readout_s
         )
-        due_s = reported_s + self.fit.start_s - self.delay_s + aim_s
+        due_s = reported_s + self.fit.start_s - self.command_delay_s + aim_s
         return (due_s - now_s) % self.steps.period_s
 
 
@@ -70,16 +70,15 @@ def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Re
     """Record every frame from each switch, first at all phases, then aimed at the exposures."""
     info, clock, recording = rig.camera.info, rig.clock, _Recording()
     rng = random.Random(1)
-    after_s = rig.config.lights.settle_ms / 1e3 + _PERIODS_AFTER * info.frame_period_s
-    # Stratified phases: in each half, one switch in each part of the period, in random order.
-    parts = [part for _ in range(2) for part in rng.sample(range(count // 2), count // 2)]
-    dark_s = rig.lights.off().acknowledged_s
-    next_fresh_frame(rig, dark_s + after_s)
+    record_s = rig.config.lights.settle_ms / 1e3 + _PERIODS_AFTER * info.frame_period_s
+    # Stratified sampling: in each half, one switch in each stratum of the period, in random order.
+    strata = [stratum for _ in range(2) for stratum in rng.sample(range(count // 2), count // 2)]
+    next_fresh_frame(rig, rig.lights.off().acknowledged_s + record_s)
     first_half: _Evaluation | None = None
     for number in numbers:
         if number == count // 2:
             first_half = _evaluate(rig, recording)
-        phase = (parts[number] + rng.random()) / (count // 2)
+        phase = (strata[number] + rng.random()) / (count // 2)
         if first_half is None:
             clock.sleep_s(phase * info.frame_period_s)
         else:
@@ -88,12 +87,12 @@ def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Re
         switch = switch_to(rig, led if rising else None)
         controller_s = switch.controller_time_us / 1e6
         recording.switches.append((sent_s, switch.acknowledged_s, controller_s, rising))
-        for frame, _ in frames_until_fresh(rig, switch.acknowledged_s + after_s):
+        for frame, _ in frames_until_fresh(rig, switch.acknowledged_s + record_s):
             if frame.flags != FrameFlag.GOOD:
                 continue
             recording.reported_s.append(frame.exposure_start_s)
             recording.arrived_s.append(clock.now_s())
-            recording.of_step.append(number)
+            recording.step_numbers.append(number)
             recording.levels.append(_band_levels(frame))
         rig.lights.confirm(led if rising else None)
     rig.lights.off()
@@ -102,14 +101,14 @@ def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Re
 
 def _evaluate(rig: Rig, recording: _Recording) -> _Evaluation:
     """Evaluate the frames recorded so far."""
-    info, of_step = rig.camera.info, np.array(recording.of_step)
+    info, numbers = rig.camera.info, np.array(recording.step_numbers)
     sent_s, acknowledged_s, device_s, rising = map(np.array, zip(*recording.switches, strict=True))
-    switched_s, unknown_s = _switch_times(sent_s, acknowledged_s, device_s)
-    shares, lit_bands = _shares(np.array(recording.levels), of_step, rising, 1 << info.bit_depth)
+    switched_s, uncertainty_s = _switch_times(sent_s, acknowledged_s, device_s)
+    shares, lit_bands = _shares(np.array(recording.levels), numbers, rising, 1 << info.bit_depth)
     edges = _band_edges(info.height_px)
     steps = Steps(
-        reported_s=np.array(recording.reported_s) - switched_s[of_step],
-        rising=rising[of_step],
+        reported_s=np.array(recording.reported_s) - switched_s[numbers],
+        rising=rising[numbers],
         shares=shares,
         bands=((edges[:-1] + edges[1:] - 1.0) / 2.0 / (info.height_px - 1))[lit_bands],
         exposure_s=info.exposure_s,
@@ -118,10 +117,10 @@ def _evaluate(rig: Rig, recording: _Recording) -> _Evaluation:
     return _Evaluation(
         steps,
         fit_steps(steps),
-        of_step,
-        after_s=np.array(recording.arrived_s) - acknowledged_s[of_step],
-        delay_s=float(np.median(switched_s - sent_s)),
-        unknown_s=unknown_s,
+        numbers,
+        delays_s=np.array(recording.arrived_s) - acknowledged_s[numbers],
+        command_delay_s=float(np.median(switched_s - sent_s)),
+        switch_uncertainty_s=uncertainty_s,
     )
 
 
@@ -147,7 +146,7 @@ def _band_levels(frame: Frame) -> Floats:
 
 def _switch_times(sent_s: Floats, answered_s: Floats, device_s: Floats) -> tuple[Floats, float]:
     """Time of each switch on the rig's clock, and the uncertainty."""
-    switched_s, unknown_s = np.empty(len(sent_s)), 0.0
+    switched_s, uncertainty_s = np.empty(len(sent_s)), 0.0
     for index in range(len(sent_s)):
         neighbours = slice(max(index - _NEIGHBOURS, 0), index + _NEIGHBOURS + 1)
         # Bounds of the offset of the rig's clock from that of the controller.
@@ -159,17 +158,17 @@ def _switch_times(sent_s: Floats, answered_s: Floats, device_s: Floats) -> tuple
             lower_s = sent_s[index] - device_s[index]
             upper_s = answered_s[index] - device_s[index]
         switched_s[index] = device_s[index] + (lower_s + upper_s) / 2.0
-        unknown_s = max(unknown_s, abs(upper_s - lower_s) / 2.0 + drift_s)
-    return switched_s, unknown_s
+        uncertainty_s = max(uncertainty_s, abs(upper_s - lower_s) / 2.0 + drift_s)
+    return switched_s, uncertainty_s
 
 
 def _shares(
-    levels: Floats, of_step: Indices, rising: BoolArray, value_range: int
+    levels: Floats, step_numbers: Indices, rising: BoolArray, value_range: int
 ) -> tuple[Floats, BoolArray]:
     """(F, B) share of the LED's light in each band, and which of all bands show it."""
-    last = np.append(np.diff(of_step) > 0, True)
-    brightest = np.median(levels[last & rising[of_step]], axis=0)
-    dark = np.median(levels[last & ~rising[of_step]], axis=0)
+    is_last_of_step = np.append(np.diff(step_numbers) > 0, True)
+    brightest = np.median(levels[is_last_of_step & rising[step_numbers]], axis=0)
+    dark = np.median(levels[is_last_of_step & ~rising[step_numbers]], axis=0)
     lit_bands = brightest - dark > _MIN_CONTRAST * value_range
     if np.count_nonzero(lit_bands) < 2:
         raise CameraError(
@@ -253,15 +252,15 @@ def measure_latency(
             "are needed; use more --steps, or lengthen the exposure"
         )
     # Only the first half of the switches is spread over all phases of the frames.
-    unaimed = evaluation.of_step < steps
+    unaimed = evaluation.step_numbers < steps
     shares, rising = evaluation.steps.shares[unaimed], evaluation.steps.rising[unaimed, None]
     is_complete = np.where(rising, shares, 1.0 - shares) >= _COMPLETE
-    after_s, of_step = evaluation.after_s[unaimed], evaluation.of_step[unaimed]
+    delays_s, numbers = evaluation.delays_s[unaimed], evaluation.step_numbers[unaimed]
     rows = (-1, 0) if fit.bottom_up else (0, -1)
-    first_row, last_row = (_complete_change(is_complete[:, row], after_s, of_step) for row in rows)
+    first_row, last_row = (_complete_change(is_complete[:, row], delays_s, numbers) for row in rows)
     return CameraLatency(
         camera=_camera_keys(
-            rig.config.camera, fit, evaluation.unknown_s, evaluation.steps.period_s
+            rig.config.camera, fit, evaluation.switch_uncertainty_s, evaluation.steps.period_s
         ),
         settle_ms=_rounded_up(1e3 * _SETTLED_PER_RISE * max(fit.rise_s, fit.fall_s)),
         first_row=first_row,
@@ -272,7 +271,7 @@ def measure_latency(
 
 
 def _camera_keys(
-    config: CameraConfig, fit: StepFit, unknown_s: float, period_s: float
+    config: CameraConfig, fit: StepFit, switch_uncertainty_s: float, period_s: float
 ) -> dict[str, str | float]:
     """The keys of ``[camera]``, rounded towards the earlier start."""
     readout_ms = round(1e3 * min(fit.readout_s, period_s), 2)
@@ -282,28 +281,32 @@ def _camera_keys(
     return {
         "timestamp_marks": "frame_end",
         "timestamp_offset_ms": -_rounded_up(-offset_ms),
-        "timestamp_uncertainty_ms": _rounded_up(1e3 * (fit.deviation_s + unknown_s)),
+        "timestamp_uncertainty_ms": _rounded_up(1e3 * (fit.deviation_s + switch_uncertainty_s)),
         "readout_ms": readout_ms,
         "timing_measured_at": config.mode,
     }
 
 
-def _complete_change(is_complete: BoolArray, after_s: Floats, of_step: Indices) -> _CompleteChange:
-    times_s, frames = [], []
-    for step in np.unique(of_step):
-        step_frames = np.flatnonzero(of_step == step)
+def _complete_change(
+    is_complete: BoolArray, delays_s: Floats, step_numbers: Indices
+) -> _CompleteChange:
+    complete_s, frames_before = [], []
+    for number in np.unique(step_numbers):
+        frames = np.flatnonzero(step_numbers == number)
         # The first frame after the last incomplete one.
-        incomplete = np.flatnonzero(~is_complete[step_frames])
+        incomplete = np.flatnonzero(~is_complete[frames])
         first = int(incomplete[-1]) + 1 if len(incomplete) else 0
-        if first < len(step_frames):
-            times_s.append(float(after_s[step_frames[first]]))
-            frames.append(first)
-    if not times_s:
+        if first < len(frames):
+            complete_s.append(float(delays_s[frames[first]]))
+            frames_before.append(first)
+    if not complete_s:
         raise CameraError(
             "no frame shows a complete change of the light; shield the rig from other light"
         )
-    return _CompleteChange(1e3 * float(np.median(times_s)), 1e3 * max(times_s), max(frames))
+    median_s = float(np.median(complete_s))
+    return _CompleteChange(1e3 * median_s, 1e3 * max(complete_s), max(frames_before))
 
 
 def _rounded_up(value_ms: float) -> float:
+    """Round up to 0.01 ms, without a step for the rounding error of a value that is exact."""
     return math.ceil(100.0 * value_ms - 1e-6) / 100.0

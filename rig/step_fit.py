@@ -27,7 +27,7 @@ _STEP_SHARES = (0.03, 0.97)
 # in periods, number of values of R, tau of a common LED driver. The grid only has to lead to the
 # right minimum, which tests/rig/test_latency.py checks for random cameras.
 _GRID_RANGE_PERIODS = (-2.0, 3.0)
-_GRID_PERIODS = 0.04
+_GRID_STEP_PERIODS = 0.04
 _GRID_READOUTS = 9
 _GRID_BANDS = [0, -1]
 _GRID_TAU_S = 0.0003
@@ -35,8 +35,8 @@ _GRID_TAU_S = 0.0003
 _LIMIT_PERIODS = 4.0
 # Time constants beyond those of any LED, so that the fit stays finite.
 _TAU_LIMITS_S = (1e-6, 0.1)
-# Residual from which a share has less weight (soft L1), several times the noise of a band. A frame
-# with a jittering stamp exceeds it, or one with other light.
+# Residual from which a share has less weight (soft L1), several times the noise of a band. Frames
+# with a jittering stamp or with other light exceed it.
 _SOFT_SHARE = 0.01
 # Scales of D and R in s, and of the logarithms of both time constants.
 _FIT_SCALES = (1e-3, 1e-3, 0.3, 0.3)
@@ -94,7 +94,7 @@ def fit_steps(steps: Steps) -> StepFit:
     start = min(
         (
             np.array([offset_s, readout_s, log_tau, log_tau])
-            for offset_s in np.arange(*_GRID_RANGE_PERIODS, _GRID_PERIODS) * steps.period_s
+            for offset_s in np.arange(*_GRID_RANGE_PERIODS, _GRID_STEP_PERIODS) * steps.period_s
             for readout_s in np.linspace(-steps.period_s, steps.period_s, _GRID_READOUTS)
         ),
         key=lambda values: float(np.abs(_misfit(coarse, values)).sum()),
@@ -115,7 +115,7 @@ def fit_steps(steps: Steps) -> StepFit:
     if len(offsets):
         offset_s += float(np.median(offsets))
         offsets = offsets - np.median(offsets)
-    # The bands of one frame share the error of its stamp, so that they count as one.
+    # The bands of a frame share the error of its stamp: they count as one observation.
     error_s = _standard_error(_READOUT, solution.jac, residual)
     readout_error_s = math.sqrt(len(steps.bands)) * error_s
     return StepFit(
@@ -144,8 +144,8 @@ def _misfit(steps: Steps, values: Floats) -> Floats:
 
 def _lit_s(steps: Steps, offset_s: float, readout_s: float) -> Floats:
     """(F, B) x of the module's formula: part of each band's exposure after the step."""
-    begins = steps.reported_s[:, None] + offset_s + steps.bands * readout_s
-    return begins + steps.exposure_s
+    starts_s = steps.reported_s[:, None] + offset_s + steps.bands * readout_s
+    return starts_s + steps.exposure_s
 
 
 def _frame_offsets(
@@ -153,18 +153,18 @@ def _frame_offsets(
 ) -> Floats:
     """Offset of the start of each frame that contains a step: the median of its bands."""
     table_s = np.linspace(-0.1 * steps.exposure_s, 1.1 * steps.exposure_s, 4001)
-    expected = _lit_s(steps, offset_s, readout_s)
-    differences = []
+    fitted_s = _lit_s(steps, offset_s, readout_s)
+    offsets_s = []
     for rising, tau_s in ((True, rise_tau_s), (False, fall_tau_s)):
-        curve = lit_share(table_s, steps.exposure_s, tau_s)
-        chosen = steps.rising == rising
-        shares = steps.shares[chosen] if rising else 1.0 - steps.shares[chosen]
-        for frame, lit_s in zip(shares, expected[chosen], strict=True):
-            contains_step = (frame > _STEP_SHARES[0]) & (frame < _STEP_SHARES[1])
+        table_shares = lit_share(table_s, steps.exposure_s, tau_s)
+        in_direction = steps.rising == rising
+        shares = steps.shares[in_direction] if rising else 1.0 - steps.shares[in_direction]
+        for frame_shares, lit_s in zip(shares, fitted_s[in_direction], strict=True):
+            contains_step = (frame_shares > _STEP_SHARES[0]) & (frame_shares < _STEP_SHARES[1])
             if contains_step.any():
-                after_s = np.interp(frame[contains_step], curve, table_s)
-                differences.append(float(np.median(after_s - lit_s[contains_step])))
-    return np.array(differences)
+                measured_s = np.interp(frame_shares[contains_step], table_shares, table_s)
+                offsets_s.append(float(np.median(measured_s - lit_s[contains_step])))
+    return np.array(offsets_s)
 
 
 def _standard_error(index: int, jacobian: Floats, residual: Floats) -> float:
