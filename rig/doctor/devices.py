@@ -72,11 +72,12 @@ def check_access(name: str, device: str) -> Check:
         group = grp.getgrgid(status.st_gid).gr_name
     except KeyError:
         group = str(status.st_gid)
-    is_own = status.st_gid in os.getgroups()
-    note = "its group is one of yours, but " * is_own
+    if status.st_gid in os.getgroups():
+        note, join = "its group is one of yours, but ", ""
+    else:
+        note, join = "", f"sudo usermod -aG {group} $USER and log in again, or "
     mode = f"{status.st_mode & 0o777:o}"
     finding = f"{device} belongs to group {group}, mode {mode}; {note}you may not read and write it"
-    join = f"sudo usermod -aG {group} $USER and log in again, or " * (not is_own)
     return Check(name, "fault", finding, f"{join}install the udev rules: {_INSTALL_RULES}")
 
 
@@ -115,7 +116,7 @@ def check_lights(
     yield _identity(lights, firmware_version)
     yield _led_count(lights, config)
     yield _watchdog(lights)
-    yield _latency(lights, clock)
+    yield _switch_latency(lights, clock)
 
 
 def _identity(lights: LightController, firmware_version: str) -> Check:
@@ -145,7 +146,7 @@ def _watchdog(lights: LightController) -> Check:
     return Check("watchdog", "fault", finding, "renew the firmware with ps4rig rig flash")
 
 
-def _latency(lights: LightController, clock: Clock) -> Check:
+def _switch_latency(lights: LightController, clock: Clock) -> Check:
     switch = measure_switch_latency(lights, clock)
     finding = (
         f"median {switch.median_ms:.2f} ms, worst {switch.worst_ms:.2f} ms of {switch.switches}, "
@@ -163,8 +164,8 @@ def _latency(lights: LightController, clock: Clock) -> Check:
     return Check("switch latency", "warning", finding, advice)
 
 
-# Frames from which rate and losses are measured; fewer, but at least 3, if they would take longer
-# than the time.
+# Number of frames from which rate and losses are measured. A slow camera gives only those of
+# _MAX_RATE_CHECK_S, but at least 3.
 _FRAMES, _MAX_RATE_CHECK_S = 30, 10.0
 _READ_TIMEOUT_S = 2.0  # on top of a frame period, for a camera that has just started to stream
 # 30 frames whose first and last stamp jitter by half a period give the rate to 3 %.
@@ -176,8 +177,8 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
     """Check each camera of this machine, and the permission for the rig's own."""
     for camera in cameras:
         if camera.problem is not None:
-            is_closed = camera.node is not None and not os.access(camera.node, os.R_OK | os.W_OK)
-            advice = f"install the udev rules: {_INSTALL_RULES}" * is_closed
+            is_usable = camera.node is None or os.access(camera.node, os.R_OK | os.W_OK)
+            advice = "" if is_usable else f"install the udev rules: {_INSTALL_RULES}"
             yield Check("camera", "warning", camera.problem, advice)
             continue
         formats = ", ".join(camera.formats[:_MAX_FORMATS])
@@ -207,10 +208,9 @@ def check_frames(camera: Camera) -> Iterator[Check]:
     yield from _check_kind(info)
     frames = max(3, min(_FRAMES, round(_MAX_RATE_CHECK_S / info.frame_period_s)))
     read_frames: list[Frame] = []
-    # Frames that waited in the queue do not show the rate.
     for number in range(info.queue_length + frames):
         frame = camera.read(_READ_TIMEOUT_S + info.frame_period_s)
-        if number >= info.queue_length:
+        if number >= info.queue_length:  # frames that waited in the queue do not show the rate
             read_frames.append(frame)
     steps = read_frames[-1].sequence - read_frames[0].sequence
     elapsed_s = read_frames[-1].exposure_start_s - read_frames[0].exposure_start_s

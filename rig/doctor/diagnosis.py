@@ -92,7 +92,7 @@ def _diagnose_open(
         closing.callback(simulation.close)
     lights: LightController | None = None
     camera: Camera | None = None
-    opened: list[Rig] = []
+    rig: Rig | None = None
 
     def check_controller() -> Iterator[Check]:
         nonlocal lights
@@ -116,13 +116,13 @@ def _diagnose_open(
         yield from check_frames(camera)
 
     def check_images() -> Iterator[Check]:
+        nonlocal rig
         if lights is None or camera is None:
             yield Check("light images", "unknown", "lights or camera did not open")
             return
         with suppress(HardwareError):
             lights.recover()
         rig = Rig(config, clock_of(simulation), lights, camera, simulation)
-        opened.append(rig)
         yield from check_light_images(
             capture_light_images(rig),
             rig.lighting,
@@ -133,8 +133,8 @@ def _diagnose_open(
     yield from run_checks("light controller", check_controller)
     yield from run_checks("camera", check_camera)
     yield from run_checks("light images", check_images)
-    if more_checks is not None and opened:
-        yield from run_checks("calibration", partial(more_checks, opened[0]))
+    if more_checks is not None and rig is not None:
+        yield from run_checks("calibration", partial(more_checks, rig))
 
 
 def _measurement_mode(info: CameraInfo) -> Check:

@@ -25,9 +25,11 @@ from rig.rig import Rig
 
 from .check import Check, Status
 
-# The percentile of the pixels that rates the exposure, so that a few glints do not count, and the
-# share of full scale to which the proposed exposure brings it: a part may be a quarter brighter.
-_BRIGHT_PERCENTILE, _TARGET = 99.9, 0.8
+# Percentile of the pixels that rates the exposure, so that a few glints do not count.
+_BRIGHT_PERCENTILE = 99.9
+# Share of full scale to which the proposed exposure brings that percentile. It leaves room for a
+# part that is a quarter brighter.
+_TARGET_SHARE = 0.8
 # Shares of full scale between which an exposure needs no change.
 _GOOD_EXPOSURE = (0.4, 0.95)
 # The factor for a saturated image, whose excess is unknown. Applied twice, it corrects an exposure
@@ -118,7 +120,7 @@ class _ExposureRating:
 
     led: int
     share: float  # of full scale, of its bright pixels
-    factor: float  # for the exposure; a saturated image needs another rating after that
+    factor: float  # for the exposure; for a saturated image a first guess
 
     @property
     def is_good(self) -> bool:
@@ -140,7 +142,7 @@ def rate_exposure(images: LightImages) -> _ExposureRating:
         return _ExposureRating(led, 1.0, _SHORTER_WHEN_SATURATED)
     # The black level does not grow with the exposure.
     black = float(images.ambient.min())
-    factor = (_TARGET * full - black) / max(float(bright[led]) - black, 1.0)
+    factor = (_TARGET_SHARE * full - black) / max(float(bright[led]) - black, 1.0)
     return _ExposureRating(led, float(bright[led]) / full, factor)
 
 
@@ -154,8 +156,11 @@ def _exposure(images: LightImages, exposure_ms: float, range_ms: tuple[float, fl
         return Check("exposure", "ok", finding)
     proposed_ms, (shortest_ms, longest_ms) = exposure_ms * rating.factor, range_ms
     if shortest_ms == longest_ms:
-        less, more = "dim the LEDs, or close the aperture", "brighter LEDs, or open the aperture"
-        advice = f"the exposure is fixed: {less if rating.factor < 1.0 else more}"
+        advice = "the exposure is fixed: "
+        if rating.factor < 1.0:
+            advice += "dim the LEDs, or close the aperture"
+        else:
+            advice += "brighter LEDs, or open the aperture"
     elif proposed_ms <= longest_ms:
         advice = f"set camera.exposure_ms = {_rounded_down(proposed_ms):g}"
         if rating.is_saturated:
@@ -200,8 +205,8 @@ def _order(images: LightImages, lighting: Lighting) -> Check:
         images.lights, lighting, ambient=images.ambient, full_scale=images.full_scale
     )
     if order.is_refuted:
-        orders = sorted(order.plausible, key=lambda plausible: len(_moved(plausible)))[:2]
-        likely = " or ".join(_exchange(plausible) for plausible in orders if _moved(plausible))
+        likely_orders = sorted(order.plausible, key=lambda other: len(_moved(other)))[:2]
+        likely = " or ".join(_exchange(other) for other in likely_orders if _moved(other))
         finding = f"the shading contradicts lights.tilts_deg: {likely}"
         return Check(name, "fault", finding, "exchange their plugs, or correct lights.tilts_deg")
     if order.is_confirmed:
@@ -213,6 +218,7 @@ def _order(images: LightImages, lighting: Lighting) -> Check:
 
 
 def _moved(order: Order) -> list[int]:
+    """LEDs that are not at their own place in `order`."""
     return [led for led, other in enumerate(order) if other != led]
 
 
