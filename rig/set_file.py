@@ -24,7 +24,7 @@ NAMESPACE = "ps4rig/captured-set"
 Planes = npt.NDArray[np.uint16]
 # XPath of the metadata, in any OME schema.
 _METADATA_PATH = f".//{{*}}CommentAnnotation[@Namespace='{NAMESPACE}']/{{*}}Value"
-# 255 lights of 32 megapixels. The three limits below bound memory before pixels are read.
+# These limits bound memory before pixels are read: a file of 255 lights of 32 megapixels.
 _MAX_BYTES = 2**34
 _MAX_DESCRIPTION_BYTES = 2**24
 _MAX_PAGES = 256

@@ -16,13 +16,13 @@ _ENDING = [
 @contextmanager
 def signals_held_back() -> Iterator[None]:
     """Hold back signals that end a program until the block ends."""
-    # By their handlers: the kernel delivers a masked signal to another thread, and Python runs its
-    # handler here.
+    # The handlers are replaced. A signal mask would not do: the kernel delivers the signal to
+    # another thread, and Python then runs its handler in this one.
     if threading.current_thread() is not threading.main_thread():
         yield  # Python runs handlers in the main thread only
         return
     held: list[int] = []
-    # None is a handler that was not installed from Python.
+    # `getsignal` returns None for a handler that was not installed from Python.
     handlers = {
         number: handler
         for number in _ENDING
