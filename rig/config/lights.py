@@ -118,12 +118,11 @@ def _lighting(
     return Lighting(ring.directions, np.array(intensities))
 
 
-# Planned time from the end of an exposure until the controller has switched: one or two passes of
-# its main loop (0.2 ms each at most, `controller_turn_us`) and the delay of an optocoupler. Each
-# set measures the true one, and `ps4rig rig timing` prints it.
+# Planned time from the end of an exposure until the controller has switched: up to two passes of
+# its main loop (of 0.2 ms, `simulation.controller_turn_us`) and the delay of an optocoupler. Each
+# set measures the true time, and `ps4rig rig timing` prints it.
 REACTION_S = 0.0005
-# A strobe without an edge for this long beyond the frame period counts as disconnected; so does a
-# camera that stalls.
+# Time beyond the frame period after which a strobe without an edge counts as disconnected.
 _STROBE_TIMEOUT_S = 0.25
 
 
@@ -181,6 +180,7 @@ def plan_sequence(
             )
         frames = math.ceil(busy_s / period_s)
         wait_s = max(period_s, settle_s) + _STROBE_TIMEOUT_S
+        # Two more periods: until the first exposure begins, and as a margin.
         duration_s = (frames * len(lights) + 2) * period_s + settle_s
     settle_us, wait_us = math.ceil(1e6 * settle_s), math.ceil(1e6 * wait_s)
     if wait_us > MAX_STEP_US:

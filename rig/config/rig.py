@@ -47,7 +47,7 @@ class RigConfig(Section):
 
     @model_validator(mode="before")
     @classmethod
-    def _camera_is_as_real_as_the_lights(cls, values: Any) -> Any:
+    def _default_camera_kind(cls, values: Any) -> Any:
         if not isinstance(values, dict):
             return values
         lights, camera = values.get("lights", {}), values.get("camera", {})
@@ -63,7 +63,7 @@ class RigConfig(Section):
         return self
 
     def _conflicts(self) -> Iterator[str]:
-        """Conditions between the sections that do not hold."""
+        """Yield a message for each condition between the sections that does not hold."""
         lights, camera, simulation = self.lights, self.camera, self.simulation
         count, period_ms = len(lights.tilts_deg), 1000.0 / camera.frame_rate_hz
         if isinstance(camera, DeviceCameraConfig) and self.is_simulated:
@@ -96,6 +96,7 @@ class RigConfig(Section):
             )
         if simulation.placement.size_mm is not None and simulation.mm_per_px is None:
             yield "simulation.placement.size_mm needs simulation.mm_per_px, the size of a pixel"
+        # Three frames: in transfer, exposed during the switch, and fresh.
         needed_ms = lights.settle_ms + 3.0 * period_ms + camera.exposure_ms
         if lights.watchdog_ms < needed_ms:
             yield (
@@ -215,13 +216,13 @@ def store_values(path: Path, sections: Mapping[str, Mapping[str, str | float]]) 
     document: Any = tomlkit.parse(text)
     for section, values in sections.items():
         table = document.setdefault(section, tomlkit.table())
-        # Blank lines and comments at the end of a table introduce the next one.
-        lines = table.value.body if isinstance(table, tomlkit.items.Table) else []
-        end = next((n for n in range(len(lines), 0, -1) if lines[n - 1][0] is not None), 0)
-        introduction = lines[end:]
-        del lines[end:]
+        # Blank lines and comments, whose key is None, at the end of a table introduce the next one.
+        entries = table.value.body if isinstance(table, tomlkit.items.Table) else []
+        introduction = []
+        while entries and entries[-1][0] is None:
+            introduction.append(entries.pop())
         table.update(values)
-        lines.extend(introduction)
+        entries.extend(reversed(introduction))
     line_end = "\r\n" if "\r\n" in text else "\n"
     changed = tomlkit.dumps(document).replace("\r\n", "\n").replace("\n", line_end)
     # Resolved, so that a symbolic link stays and its target changes.

@@ -78,12 +78,11 @@ class Defect(Section):
         scratch: a groove between two ridges; dent, bump: smooth and round; stain: another albedo;
         missing: a patch without texture; foreign: another texture.
     x_px, y_px
-        Middle of the defect, right and up from the point that is in the middle of the frame
-        without a shift.
+        Middle of the defect, right and up from the centre of a frame with `shift_px` 0.
     size_px
         Length of a scratch, diameter of the others.
     width_px
-        Width of a scratch, between the two places where it is as high as the surface.
+        Width of a scratch at the height of the surface.
     depth_px
         Depth of a scratch or a dent, height of a bump.
     angle_deg
@@ -113,7 +112,7 @@ class Defect(Section):
         return self
 
 
-_PassTime = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
+_PassTimeUs = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
 _Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
 _LedLevel = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
 
@@ -182,7 +181,7 @@ class SimulationConfig(Section):
     )
     led_rise_ms: float = Field(default=0.5, gt=0.0, le=100.0, description="10 to 90 %")
     led_fall_ms: float = Field(default=0.3, gt=0.0, le=100.0, description="90 to 10 %")
-    controller_turn_us: tuple[_PassTime, _PassTime] = Field(
+    controller_turn_us: tuple[_PassTimeUs, _PassTimeUs] = Field(
         default=(50.0, 200.0),
         strict=False,
         description="shortest and longest pass of the controller's main loop",
