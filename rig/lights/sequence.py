@@ -46,7 +46,7 @@ def exposure_left_s(lights: LightController, plan: SequencePlan) -> float:
     return max(0.0, 1e-6 * (status.ended_us + plan.wait_us - status.now_us))
 
 
-def parts_seen(lights: LightController) -> int:
+def detected_part_count(lights: LightController) -> int:
     """Return the number of parts that the sensor has detected since the controller was reset."""
     return lights.ask("PART:STAT?", 3).numbers[0]
 
@@ -148,14 +148,15 @@ class RunningSequence:
         answer = lights.ask(start_command(plan), 1)
         self.sent_s = answer.sent_s
         self._started_us = answer.numbers[0]
-        self._stamped = deque([(self._started_us, answer)], _EXCHANGES)
+        # Time of the controller in us, and the answer that had it.
+        self._dated_answers = deque([(self._started_us, answer)], _EXCHANGES)
         self._status: _Status | None = None
 
     def is_running(self) -> bool:
         """Ask whether the sequence still runs, which also keeps the watchdog quiet."""
         answer = _ask_status(self._lights)
         status = self._status = _Status(*answer.numbers)
-        self._stamped.append((status.now_us, answer))
+        self._dated_answers.append((status.now_us, answer))
         if status.started_us != self._started_us:
             raise LightControllerError(
                 f"{self._lights.port}: the controller does not know the sequence that was started; "
@@ -170,7 +171,7 @@ class RunningSequence:
 
     def begun_s(self) -> float:
         """Time at which its first light was lit, on the rig's clock."""
-        return ClockRelation.of(self._stamped).on_rig_s(self._step(0).lit_us)
+        return ClockRelation.of(self._dated_answers).on_rig_s(self._step(0).lit_us)
 
     def report(self) -> SequenceReport:
         """Return the record as of the last `is_running`, which must have been called."""
@@ -183,7 +184,7 @@ class RunningSequence:
             steps=tuple(self._step(index) for index in range(status.begun_steps)),
             cause=cause,
             ended_us=status.ended_us,
-            clock=ClockRelation.of(self._stamped),
+            clock=ClockRelation.of(self._dated_answers),
         )
 
     def _step(self, index: int) -> LightStep:

@@ -18,7 +18,7 @@ from capture.station.judge.judge import STOP_LED_LEVEL
 from classify.base.threads import on_free_processor
 from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
-from rig.lights.sequence import parts_seen
+from rig.lights.sequence import detected_part_count
 
 from .self_test import check_rig, check_setting, set_bytes
 
@@ -120,7 +120,7 @@ class StationRig:
         # Parts that pass while the rig is closed count; those before a restart of the controller do
         # not.
         lights = self._opened().lights
-        counted, controller = parts_seen(lights), lights.identity.serial_number
+        counted, controller = detected_part_count(lights), lights.identity.serial_number
         before, is_known = self._counted, controller == self._controller
         self._counted, self._controller = counted, controller
         if not is_known:

@@ -81,7 +81,7 @@ def test_parts_that_pass_while_the_rig_is_opened_again_are_missed(
     line: Line, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[int] = []
-    monkeypatch.setattr("capture.station.run.station_rig.parts_seen", lambda _: seen.pop())
+    monkeypatch.setattr("capture.station.run.station_rig.detected_part_count", lambda _: seen.pop())
 
     def missed(counter: int) -> int:
         seen.append(counter)
