@@ -104,18 +104,14 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask
     """Find the controller for ``lights.port = "auto"``, as rig/README.md describes."""
     serial_number = lights.serial_number
     if lights.usb_id is None:
-        candidates = [port for port in ports if port.may_be_a_microcontroller]
+        selected, candidates = ports, [port for port in ports if port.may_be_a_microcontroller]
     else:
-        candidates = [port for port in ports if port.usb_id == lights.usb_id]
-    by_usb_serial = [
-        port
-        for port in ports
-        if serial_number is not None and _same_number(port.serial_number, serial_number)
-    ]
-    if lights.usb_id is not None:
-        by_usb_serial = [port for port in by_usb_serial if port in candidates]
-    candidates = by_usb_serial or candidates
-    if len(candidates) == 1 and (by_usb_serial or serial_number is None):
+        selected = candidates = [port for port in ports if port.usb_id == lights.usb_id]
+    if serial_number is not None:
+        numbered = [port for port in selected if _same_number(port.serial_number, serial_number)]
+        if numbered:  # by USB: the controller need not be asked for its number
+            candidates, serial_number = numbered, None
+    if len(candidates) == 1 and serial_number is None:
         return candidates[0].device  # opening it identifies the controller
     answered: list[tuple[SerialPort, ControllerIdentity]] = []
     rejected: list[str] = []
@@ -125,8 +121,7 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask
         except LightControllerError as error:
             rejected.append(str(error))
             continue
-        required_number = serial_number if not by_usb_serial else None
-        if required_number is None or _same_number(identity.serial_number, required_number):
+        if serial_number is None or _same_number(identity.serial_number, serial_number):
             answered.append((port, identity))
         else:
             rejected.append(f"{port.device}: light controller {identity.serial_number}")
@@ -190,6 +185,7 @@ PossiblePorts = Callable[[], Iterable[str]]
 """The ports on which a controller may be now, the most likely one first."""
 
 _PAUSE_S = 0.1  # between two rounds through the ports; short against the second that USB takes
+_MIN_OPEN_S = 0.1  # for an attempt at the deadline; a controller answers within milliseconds
 
 
 def find_again(
@@ -200,9 +196,9 @@ def find_again(
     while True:
         failure: LightControllerError | None = None
         for port in possible_ports():
-            left_s = max(0.1, deadline_s - time.monotonic())
+            open_s = max(_MIN_OPEN_S, deadline_s - time.monotonic())
             try:
-                link = ControllerLink(port, baud, replace(timeouts, open_s=left_s))
+                link = ControllerLink(port, baud, replace(timeouts, open_s=open_s))
             except LightControllerError as error:
                 failure = failure or error
                 continue

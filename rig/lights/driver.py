@@ -120,27 +120,26 @@ class LightController:
         """Light LED `led`, counted from 0, and no other."""
         lit, time_us = self._numbers(self._exchange(f"LED:SEL {led}"), 2)
         if lit != led:
-            raise self._failed(f"asked for LED {led}, it lit LED {lit}")
+            raise self._failure(f"asked for LED {led}, it lit LED {lit}")
         return Switch(led, time_us, self._clock.now_s())
 
     def off(self) -> Switch:
         """Put all LEDs out."""
         lit, time_us = self._numbers(self._exchange("LED:OFF"), 2)
         if lit != -1:
-            raise self._failed(f"asked for all LEDs off, LED {lit} is lit")
+            raise self._failure(f"asked for all LEDs off, LED {lit} is lit")
         return Switch(None, time_us, self._clock.now_s())
 
     def set_level(self, led: int, percent: int) -> None:
         """Set the level of one LED when it is lit, 0 to 100 %."""
         if self._numbers(self._exchange(f"LED:LEV {led},{percent}"), 2) != (led, percent):
-            raise self._failed(f"level {percent} % of LED {led} was not set")
+            raise self._failure(f"level {percent} % of LED {led} was not set")
         self._levels_percent[led] = percent
 
     def state(self) -> _LightState:
         """Ask the controller for the state of its LEDs, which also keeps its watchdog quiet."""
-        # Without the lock, a keep-alive between reply and parsing would make `_latest_us` later.
-        with self._lock:
-            return self._state_in(self._exchange("LED:STAT?"))
+        with self._lock:  # a keep-alive meanwhile would change `_latest_us`
+            return self._parsed_state(self._exchange("LED:STAT?"))
 
     def ask(self, command: str, count: int) -> Answer:
         """Send a command whose reply has `count` numbers."""
@@ -160,9 +159,9 @@ class LightController:
         state = self.state()
         if state.led != led:
             cause = self._exchange("SYST:ERR?").text
-            raise self._failed(
-                f"{_named(led)} should be lit but {_named(state.led)} is; the oldest error of the "
-                f"controller is {cause}"
+            raise self._failure(
+                f"{_led_text(led)} should be lit but {_led_text(state.led)} is; the oldest error "
+                f"of the controller is {cause}"
             )
         return state
 
@@ -209,7 +208,7 @@ class LightController:
             if self._usage.is_recent and not self._has_failed:
                 self._usage.mark_sent()
                 try:
-                    self._state_in(self._ask("LED:STAT?"))
+                    self._parsed_state(self._ask("LED:STAT?"))
                 except LightControllerError as error:
                     self._missed_keep_alive = error
             return self._usage.period_s
@@ -280,21 +279,22 @@ class LightController:
         self._exchange("*RST")
         self._exchange(f"SYST:WDOG {self._watchdog_ms}")
 
-    def _state_in(self, reply: Reply) -> _LightState:
+    def _parsed_state(self, reply: Reply) -> _LightState:
         # LED, levels and time. The first reply, at opening, determines the number of LEDs.
         count = max(3, reply.text.count(",") + 1)
         led, *levels, time_us = self._numbers(reply, count)
         if self.led_count not in (0, len(levels)):
-            raise self._failed(
+            raise self._failure(
                 f"its state has {len(levels)} LED levels, it had {self.led_count} when it was "
                 "opened; open the rig again"
             )
         if time_us < self._latest_us:
-            raise self._failed("the controller has restarted: its clock went back")
+            raise self._failure("the controller has restarted: its clock went back")
         self._latest_us = time_us
         return _LightState(None if led == -1 else led, tuple(levels), time_us)
 
-    def _failed(self, cause: str) -> LightControllerError:
+    def _failure(self, cause: str) -> LightControllerError:
+        """The error for a failed exchange, which `recover` has to follow."""
         self._has_failed = True
         return LightControllerError(f"{self.port}: {cause}")
 
@@ -323,11 +323,11 @@ class LightController:
         except ValueError:
             numbers = ()
         if len(numbers) != count:
-            raise self._failed(f"unexpected reply {reply.text!r}")
+            raise self._failure(f"unexpected reply {reply.text!r}")
         return numbers
 
 
-def _named(led: int | None) -> str:
+def _led_text(led: int | None) -> str:
     return "no LED" if led is None else f"LED {led}"
 
 

@@ -37,7 +37,7 @@ _SHA256 = re.compile(r"^[0-9a-f]{64}$", re.MULTILINE)
 
 
 @dataclass(frozen=True)
-class _Flashed:
+class _FlashResult:
     """The board's port, the version of its firmware before and after, and that of the files."""
 
     port: str
@@ -56,7 +56,7 @@ def sha256(file: Path) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
-def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> _Flashed:
+def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> _FlashResult:
     """Replace the program of the MicroPython board at a serial port by `files`, and start it."""
     if find_spec("mpremote") is None:
         raise InputError("flashing needs mpremote: pip install 'ps4rig[flash]'")
@@ -68,7 +68,7 @@ def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> _F
     running = _running_controller(port, stop=not dry_run)
     before = running.firmware_version if running else None
     if dry_run:
-        return _Flashed(port, before, before)
+        return _FlashResult(port, before, before)
     time.sleep(_RESET_S)
     _until_ready(lambda: _on_board(port, "exec", "pass"))
     try:
@@ -79,7 +79,7 @@ def flash_port(port: str, files: Sequence[Path], *, dry_run: bool = False) -> _F
         raise
     _on_board(port, "reset")
     time.sleep(_RESET_S)
-    return _Flashed(port, before, _until_ready(lambda: identify(port)).firmware_version)
+    return _FlashResult(port, before, _until_ready(lambda: identify(port)).firmware_version)
 
 
 def find_board(ports: Sequence[SerialPort]) -> str:

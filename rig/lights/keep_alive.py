@@ -13,7 +13,7 @@ _INSTANT_S = 1e-9
 
 
 class LightUsage:
-    """Time of the last command to the lights; a program without one for `unused_s` may hang."""
+    """Times of the last commands; a program that uses no light for `unused_s` may hang."""
 
     def __init__(self, clock: Clock, watchdog_ms: int, unused_s: float) -> None:
         self._clock = clock

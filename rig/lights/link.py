@@ -19,7 +19,7 @@ _BANNER = b"READY "
 _REPLY = re.compile(rb"(?:#(\d{1,5}) )?(OK|ERR)(?: ([ -~]*))?")
 
 
-class Garbled(ValueError):  # noqa: N818 - the state of a line; users never see it
+class GarbledReplyError(ValueError):
     """A line that is not an intact reply."""
 
 
@@ -42,10 +42,10 @@ def decode_reply(line: bytes) -> Reply:
     """Check the CRC of a reply line without its line end, and parse it."""
     body, mark, crc = line.rpartition(b"~")
     if not mark or not re.fullmatch(rb"[0-9A-F]{2}", crc) or int(crc, 16) != crc8(body):
-        raise Garbled(line)
+        raise GarbledReplyError(line)
     parts = _REPLY.fullmatch(body)
     if parts is None:
-        raise Garbled(line)
+        raise GarbledReplyError(line)
     sequence, status, text = parts.groups()
     return Reply(
         sequence=None if sequence is None else int(sequence),
@@ -58,7 +58,7 @@ _VENDOR = "PS4RIG"
 # Time-out of a write, in time-outs of a reply: it also counts time in which a busy computer does
 # not run this program (test_driver.py).
 _WRITE_TIMEOUT_REPLIES = 20.0
-_SIMULATED = "SIM-"  # the beginning of a simulated board's serial number
+_SIMULATED_PREFIX = "SIM-"  # of a simulated board's serial number
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class ControllerIdentity:
     @property
     def is_simulated(self) -> bool:
         """Whether it is the firmware on a simulated board, on any kind of line."""
-        return self.serial_number.startswith(_SIMULATED)
+        return self.serial_number.startswith(_SIMULATED_PREFIX)
 
 
 class ControllerLink:
@@ -141,18 +141,17 @@ class ControllerLink:
         last_line = b""
         while left_s > 0.0:
             sequence = self._send("*IDN?")
-            timeout = ReplyTimeout(min(left_s, self._reply_s))
-            # The time of this attempt; what it does not use is added again below.
-            left_s -= timeout.left_s
+            attempt_s = min(left_s, self._reply_s)
+            timeout = ReplyTimeout(attempt_s)
             while (line := self._line.read_line(timeout)) is not None:
                 last_line = line
                 if line.startswith(_BANNER):
                     break  # the controller has just started and lost the command: ask again
-                with suppress(Garbled):
+                with suppress(GarbledReplyError):
                     reply = decode_reply(line)
                     if reply.sequence == sequence and reply.ok:
                         return self._checked_identity(reply.text)
-            left_s += timeout.left_s
+            left_s -= attempt_s - timeout.left_s
         if last_line:
             text = last_line[:40].decode("ascii", "replace")
             raise LightControllerError(
@@ -195,7 +194,7 @@ class ControllerLink:
                 )
             try:
                 reply = decode_reply(line)
-            except Garbled as error:
+            except GarbledReplyError as error:
                 raise LightControllerError(
                     f"{self.port}: garbled reply to {command!r}: {line[:40]!r}"
                 ) from error

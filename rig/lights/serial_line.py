@@ -42,14 +42,14 @@ def port_holders(device: str, proc: Path = _PROC) -> list[_PortHolder]:
         if time.thread_time() > deadline_s:
             break
         if _has_open(process, target):
-            holders.append(_PortHolder(int(process.name), _name(process)))
+            holders.append(_PortHolder(int(process.name), _program_name(process)))
     return holders
 
 
 def _has_open(process: Path, target: str) -> bool:
     try:
         return any(
-            _target(entry) == target and not _is_of_a_container(entry, target)
+            _target(entry) == target and not _is_in_a_container(entry, target)
             for entry in os.scandir(process / "fd")
         )
     except OSError:  # another user's, or it has just ended
@@ -63,7 +63,7 @@ def _target(entry: os.DirEntry[str]) -> str:
         return ""
 
 
-def _is_of_a_container(entry: os.DirEntry[str], target: str) -> bool:
+def _is_in_a_container(entry: os.DirEntry[str], target: str) -> bool:
     """Whether an open pseudo-terminal is one of a container, whose /dev/pts has the same names."""
     if not target.startswith("/dev/pts/"):
         return False
@@ -73,7 +73,7 @@ def _is_of_a_container(entry: os.DirEntry[str], target: str) -> bool:
         return True
 
 
-def _name(process: Path) -> str:
+def _program_name(process: Path) -> str:
     try:
         return (process / "comm").read_text(encoding="utf-8", errors="replace").strip()
     except OSError:
@@ -174,7 +174,7 @@ def _refuse_a_shared_port(port: str) -> None:
 
 
 class _TcpPort:
-    """A TCP connection; that of pyserial reads one byte at a time, and takes 0.3 s to close."""
+    """A TCP connection; pyserial's own reads one byte at a time, and takes 0.3 s to close."""
 
     def __init__(self, address: tuple[str, int], write_timeout_s: float) -> None:
         self._socket = socket.create_connection(address, _CONNECT_S)

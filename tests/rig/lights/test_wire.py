@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from firmware_sim import Firmware, SimulatedBoard, VirtualClock, crc8
 from firmware_sim.firmware import MAX_SEQUENCE
-from rig.lights.link import Garbled, Reply, decode_reply, encode_command
+from rig.lights.link import GarbledReplyError, Reply, decode_reply, encode_command
 
 sequences = st.integers(1, MAX_SEQUENCE)
 commands = st.one_of(
@@ -47,7 +47,7 @@ def test_a_damaged_byte_in_a_reply_is_noticed(
     place = data.draw(st.integers(0, len(line) - 1))
     damaged = bytearray(line)
     damaged[place] ^= data.draw(st.integers(1, 255))
-    with pytest.raises(Garbled):
+    with pytest.raises(GarbledReplyError):
         decode_reply(bytes(damaged))
 
 
@@ -55,7 +55,7 @@ def test_a_damaged_byte_in_a_reply_is_noticed(
 def test_noise_is_garbled_or_an_intact_reply_by_its_own_checksum(noise: bytes) -> None:
     try:
         decode_reply(noise)
-    except Garbled:
+    except GarbledReplyError:
         return
     body, _, crc = noise.rpartition(b"~")
     assert crc8(body) == int(crc, 16)
@@ -65,7 +65,7 @@ def test_noise_is_garbled_or_an_intact_reply_by_its_own_checksum(noise: bytes) -
     "body", [b"", b"OKAY", b"# OK", b"#1 OK\x00", b"#123456 OK", b"#1  OK", b"ok", b"#1 OK\n"]
 )
 def test_a_line_that_is_not_a_reply_is_garbled(body: bytes) -> None:
-    with pytest.raises(Garbled):
+    with pytest.raises(GarbledReplyError):
         decode_reply(body + b"~%02X" % crc8(body))
 
 
@@ -75,5 +75,5 @@ def test_the_examples_of_the_protocol_are_decoded() -> None:
     assert decode_reply(b'ERR -360,"Communication error"~AD') == Reply(
         sequence=None, ok=False, text='-360,"Communication error"'
     )
-    with pytest.raises(Garbled):
+    with pytest.raises(GarbledReplyError):
         decode_reply(b"#7 OK 2,1000")
