@@ -52,7 +52,7 @@ class V4l2Camera:
     def __init__(self, config: V4l2CameraConfig) -> None:
         config.require_measured_mode()
         self._config = config
-        self._written: WrittenFrames | None = None
+        self._numbering: FrameNumbering | None = None  # of a loopback device
         self._pixel_format = PIXEL_FORMATS[config.pixel_format]
         self._device = V4l2Device(device_path(config.device))
         try:
@@ -63,7 +63,7 @@ class V4l2Camera:
             self._period_s = device.set_frame_rate(config.frame_rate_hz)
             self._queue_length = device.claim(_BUFFERS)
             if config.timestamp_marks == "writer":
-                self._written = WrittenFrames(time.monotonic(), self._period_s)
+                self._numbering = FrameNumbering(time.monotonic(), self._period_s)
             self._mode = set_measurement_mode(device, config)
             device.start()
             # Some cameras load their own settings when they start to stream.
@@ -76,7 +76,6 @@ class V4l2Camera:
 
     @property
     def info(self) -> CameraInfo:
-        """Properties of every frame."""
         readout_ms = self._config.readout_ms
         return CameraInfo(
             kind="v4l2",
@@ -130,14 +129,13 @@ class V4l2Camera:
         )
 
     def close(self) -> None:
-        """Stop streaming and release the device; a second call does nothing."""
         self._device.close()
 
     def _next_capture(self, timeout_s: float) -> Capture:
         deadline_s = time.monotonic() + timeout_s
         capture = self._device.next_capture(timeout_s)
-        if self._written is not None:
-            while (number := self._written.number_of(capture.timestamp_s)) is None:
+        if self._numbering is not None:
+            while (number := self._numbering.number_of(capture.timestamp_s)) is None:
                 left_s = max(0.0, deadline_s - time.monotonic())
                 try:
                     capture = self._device.next_capture(left_s)
@@ -145,9 +143,10 @@ class V4l2Camera:
                     if time.monotonic() < deadline_s:
                         raise
                     raise CameraError(
-                        f"{self._device.path}: frames arrive, but in {timeout_s:g} s none was "
-                        f"stamped by a writer of {1.0 / self._period_s:g} Hz in step with the last "
-                        "one; set camera.frame_rate_hz to the writer's rate, and open it again"
+                        f"{self._device.path}: frames arrive, but in {timeout_s:g} s none had the "
+                        f"time stamp of a writer of {1.0 / self._period_s:g} Hz, whole periods "
+                        "after the last one; set camera.frame_rate_hz to the writer's rate, and "
+                        "open it again"
                     ) from error
             return replace(capture, sequence=number)
         if not capture.is_monotonic:
@@ -196,15 +195,15 @@ def _record(device: V4l2Device, form: VideoFormat, config: V4l2CameraConfig) -> 
 
 
 # Tolerance of a stamp, in periods. The writer's stamps are exact to a microsecond, the reported
-# period to 1e-9 s: over 500 periods at 1 kHz (test_written_frames.py) the error adds up to 0.002.
+# period to 1e-9 s: over 500 periods at 1 kHz (test_frame_numbering.py) the error adds up to 0.002.
 _PERIOD_TOLERANCE = 0.01
 
 
-class WrittenFrames:
+class FrameNumbering:
     """Numbers the frames of ``v4l2loopback``, which has no counter, by their time stamps.
 
-    When a program claims buffers, the driver replaces the stamps of all frames. Stamps of the
-    writer are later than `opened_s`, and whole periods apart.
+    When a program claims buffers, the driver replaces all stamps. The writer's own stamps are later
+    than that, `opened_s`, and whole periods apart.
     """
 
     def __init__(self, opened_s: float, period_s: float) -> None:
@@ -286,14 +285,14 @@ def config_lines(formats: Iterable[OfferedFormat]) -> tuple[str, ...]:
     name = next((name for name, fourcc in fourccs.items() if fourcc in sizes), None)
     if name is None:
         return ()
-    width_px, height_px = _size(sizes[fourccs[name]])
+    width_px, height_px = _preferred_size(sizes[fourccs[name]])
     lines = [f'pixel_format = "{name}"', f"width_px = {width_px}", f"height_px = {height_px}"]
     if name == "MJPG":
         lines.append("allow_compressed = true        # its losses are in every slope")
     return tuple(lines)
 
 
-def _size(texts: Iterable[str]) -> tuple[int, int]:
+def _preferred_size(texts: Iterable[str]) -> tuple[int, int]:
     """The largest listed size of at most `_MAX_COLUMNS`, else the smallest; 512 x 512 if none."""
     matches = [re.fullmatch(r"(\d+)x(\d+)", text) for text in texts]
     sizes = [(int(match[1]), int(match[2])) for match in matches if match]
