@@ -42,7 +42,7 @@ class Frame:
     exposure_start_s, exposure_end_s
         Times on the rig's monotonic clock; with a rolling shutter, those of the first row.
     sequence
-        Number by the camera's count. A gap is a lost frame.
+        The camera's number of the frame. A gap is a lost frame.
     flags
         `FrameFlag`.
     """

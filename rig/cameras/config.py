@@ -61,8 +61,8 @@ class StampedCameraConfig(CameraConfig):
 
     timestamp_marks: Literal["frame_end", "driver", "writer"] | None = Field(
         default=None,
-        description="what a stamp marks: frame_end, by default; what the driver announces, by "
-        "default if simulated; or when the writer of a loopback device wrote the frame",
+        description="what a stamp marks: frame_end (default); driver: what the driver declares "
+        "(default if simulated); writer: when the writer of a loopback device wrote the frame",
     )
     timestamp_offset_ms: float = Field(
         default=0.0, ge=-1000.0, le=1000.0, description="added to a stamp"

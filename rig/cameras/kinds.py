@@ -75,30 +75,32 @@ def list_cameras() -> list[ListedCamera]:
 
 
 def camera_config(values: Any) -> Any:
-    """Validate the section [camera] as that of its kind."""
-    # Keys of other kinds that have their default are dropped, so that a file may list every key.
+    """Validate the section [camera] as that of its kind.
+
+    Keys of other kinds are dropped if they have their default, so that a file may list every key.
+    """
     if not isinstance(values, dict):
         return values
     kind = CAMERA_KINDS.get(str(values.get("kind")))
     if kind is None:
         kinds = ", ".join(map(repr, CAMERA_KINDS))
         raise explained(f"camera.kind = {toml_text(values.get('kind'))}: must be one of {kinds}")
-    own_keys = {}
+    own_values = {}
     for key, value in values.items():
-        fields = [
-            (name, camera_kind.config.model_fields[key])
+        defaults = {
+            name: camera_kind.config.model_fields[key].default
             for name, camera_kind in CAMERA_KINDS.items()
             if key in camera_kind.config.model_fields
-        ]
-        if key in kind.config.model_fields or not fields:
-            own_keys[key] = value
-        elif all(value != field.default for _, field in fields):
-            kinds = " or ".join(repr(name) for name, _ in fields)
+        }
+        if key in kind.config.model_fields or not defaults:
+            own_values[key] = value
+        elif value not in defaults.values():
+            kinds = " or ".join(map(repr, defaults))
             raise explained(
                 f"camera.{key} = {toml_text(value)}: not a key of kind = {values['kind']!r}; leave "
                 f"it out, or set kind = {kinds}"
             )
     try:
-        return kind.config.model_validate(own_keys)
+        return kind.config.model_validate(own_values)
     except ValidationError as error:
         raise explained(validation_message(error, kind.config, "camera")) from error

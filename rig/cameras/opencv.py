@@ -42,7 +42,7 @@ _PIXEL_VALUE_CONTROLS = (
 # Value that OpenCV returns for a property that the camera lacks.
 _LACKING_VALUE = -1.0
 
-_Grabbed = tuple[Pixels, float]
+_ArrivedImage = tuple[Pixels, float]
 """Pixels, and the time of their arrival in s."""
 
 
@@ -56,8 +56,8 @@ class OpencvCameraConfig(VideoCameraConfig):
 class OpencvCamera:
     """A camera of ``cv2.VideoCapture``, which gives frames no time stamps.
 
-    With n buffers, a frame was exposed at the earliest one exposure and one frame period before the
-    arrival of the frame n + 1 earlier; that time is its `exposure_start_s`.
+    `exposure_start_s` is the earliest time possible. A frame in the last of n buffers began after
+    the frame n + 1 places before it: one exposure and one frame period before the arrival of that.
     """
 
     def __init__(self, config: OpencvCameraConfig) -> None:
@@ -65,7 +65,7 @@ class OpencvCamera:
         self._exposure_ms = config.exposure_ms
         self._path = device_path(config.device)
         opened_s = time.monotonic()
-        self._video = _opened(self._path)
+        self._video = _open_video(self._path)
         try:
             self._configure()
         except BaseException:
@@ -75,14 +75,13 @@ class OpencvCamera:
         self._buffers = reported if 0 < reported <= _UNKNOWN_BUFFERS else _UNKNOWN_BUFFERS
         self._arrived_s = deque([opened_s] * (self._buffers + 2), maxlen=self._buffers + 2)
         self._sequence = 0
-        self._frames: queue.Queue[_Grabbed | CameraError] = queue.Queue(maxsize=1)
+        self._frames: queue.Queue[_ArrivedImage | CameraError] = queue.Queue(maxsize=1)
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._grab, name="opencv camera", daemon=True)
         self._thread.start()
 
     @property
     def info(self) -> CameraInfo:
-        """Properties of every frame."""
         config = self._config
         return CameraInfo(
             kind="opencv",
@@ -122,29 +121,27 @@ class OpencvCamera:
             raise ControlError(self._path, *faults)
 
     def read(self, timeout_s: float) -> Frame:
-        """The oldest frame in the queue, or the next one."""
         if self._closing.is_set():
             raise CameraError(f"{self._path}: the camera is closed")
         try:
-            grabbed = self._frames.get(timeout=timeout_s)
+            arrived = self._frames.get(timeout=timeout_s)
         except queue.Empty:
             raise CameraError(
                 f"{self._path}: no frame in {timeout_s:g} s; check the cable"
             ) from None
-        if isinstance(grabbed, CameraError):
+        if isinstance(arrived, CameraError):
             # Put back, so that every later call raises it again.
             with suppress(queue.Full):
-                self._frames.put_nowait(grabbed)
-            raise CameraError(str(grabbed)) from grabbed
+                self._frames.put_nowait(arrived)
+            raise CameraError(str(arrived)) from arrived
         exposure_s = self._exposure_ms / 1e3
-        pixels, arrived_s = grabbed
+        pixels, arrived_s = arrived
         self._arrived_s.append(arrived_s)
         start_s = self._arrived_s[0] - exposure_s - 1.0 / self._config.frame_rate_hz
         self._sequence += 1
         return Frame(pixels, 8, start_s, start_s + exposure_s, self._sequence)
 
     def close(self) -> None:
-        """Stop reading and release the device; a second call does nothing."""
         self._closing.set()
         with suppress(queue.Empty):
             self._frames.get_nowait()
@@ -160,7 +157,7 @@ class OpencvCamera:
         finally:
             self._video.release()
 
-    def _next(self) -> _Grabbed:
+    def _next(self) -> _ArrivedImage:
         is_read, image = self._video.read()
         arrived_s = time.monotonic()
         if not is_read or image is None:
@@ -178,10 +175,10 @@ class OpencvCamera:
             )
         return image.astype(np.uint8, copy=False), arrived_s
 
-    def _put(self, grabbed_or_error: _Grabbed | CameraError) -> None:
+    def _put(self, image_or_error: _ArrivedImage | CameraError) -> None:
         while not self._closing.is_set():
             with suppress(queue.Full):
-                self._frames.put(grabbed_or_error, timeout=0.1)
+                self._frames.put(image_or_error, timeout=0.1)
                 return
 
     def _configure(self) -> None:
@@ -223,8 +220,8 @@ class OpencvCamera:
             raise ControlError(self._path, *faults)
         # Read here, before the thread that reads frames starts.
         names = ("GAIN", "GAMMA", *_PIXEL_VALUE_CONTROLS)
-        read = {name: video.get(_property(name)) for name in names}
-        values = {name.lower(): value for name, value in read.items() if value != _LACKING_VALUE}
+        states = {name: video.get(_property(name)) for name in names}
+        values = {name.lower(): value for name, value in states.items() if value != _LACKING_VALUE}
         gain_and_gamma = {name: values.pop(name, None) for name in ("gain", "gamma")}
         self._pixel_values: dict[str, Any] = {**gain_and_gamma, "pixel_value_controls": values}
 
@@ -267,7 +264,7 @@ def _property(name: str) -> int:
     return int(getattr(cv2, f"CAP_PROP_{name}"))
 
 
-def _opened(path: str) -> cv2.VideoCapture:
+def _open_video(path: str) -> cv2.VideoCapture:
     import cv2
 
     # Suppress messages that OpenCV prints.

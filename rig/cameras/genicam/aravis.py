@@ -112,8 +112,8 @@ class AravisCamera:
             self._camera = call(aravis().Camera.new, ids[0])
 
     def take_control(self) -> None:
-        """Let no other program change the camera; wait for one that lists it, for a moment."""
-        if not self._camera.is_gv_device():  # USB admits one program
+        """Let no other program change the camera; wait briefly while one lists it."""
+        if not self._camera.is_gv_device():  # a USB camera opens for one program only
             return
         device, deadline_s = self._camera.get_device(), time.monotonic() + _CONTROL_TIMEOUT_S
         while not device.is_controller():
@@ -178,8 +178,9 @@ class AravisCamera:
         names = [name for name in ("ExposureTime", "ExposureTimeAbs") if self.has(name)]
         try:
             shortest_us, longest_us = call(self._camera.get_float_bounds, *names[:1])
-        except (CameraError, TypeError):
-            # The last choice: of a Basler ace these are the bounds of ExposureTimeRaw, not in us.
+        except (CameraError, TypeError):  # TypeError: there is no name
+            # Not the first choice, because a Basler ace returns the bounds of ExposureTimeRaw here,
+            # which are not in us.
             shortest_us, longest_us = call(self._camera.get_exposure_time_bounds)
         return shortest_us / 1e3, longest_us / 1e3
 
@@ -204,8 +205,8 @@ class AravisCamera:
         self._stream = call(camera.create_stream)
         payload = call(camera.get_payload)
         if camera.is_gv_device():
-            # A frame arrives faster than it is read while another program has the processor, and
-            # by default less than a frame fits.
+            # The default holds less than a frame, and loses packets while another program has the
+            # processor.
             self._stream.props.socket_buffer = library.GvStreamSocketBuffer.FIXED
             self._stream.props.socket_buffer_size = FRAMES_IN_SOCKET * payload
         for _ in range(buffers):

@@ -31,15 +31,15 @@ from .measurement_mode import (
 )
 from .pixel_formats import FAMILIES, PIXEL_FORMATS, decode
 
-# Number of buffers: few, so that few frames are stale after a switch. One is filled while others
-# wait.
+# Number of buffers, one of which is being filled. More would hold more stale frames after a switch.
 _BUFFERS = 4
 # Further features that change the pixel value of the same light.
 _PIXEL_VALUES = (
     "BlackLevel", "BlackLevelRaw", "DigitalShift", "Sharpness", "Brightness", "Contrast",
     "BslBrightness", "BslContrast",
 )  # fmt: skip
-# Formats, best first: grey before colour, more bits before fewer, packed ones for the line.
+# Formats, best first: grey before colour; 12 bits, then 10, then others; packed before unpacked,
+# because they need less bandwidth.
 _PREFERRED_FORMATS = [
     f"{family}{packing}"
     for family in FAMILIES
@@ -72,7 +72,6 @@ class GenicamCamera:
 
     @property
     def info(self) -> CameraInfo:
-        """Properties of every frame."""
         config = self._config
         return CameraInfo(
             kind="genicam",
@@ -134,7 +133,6 @@ class GenicamCamera:
         )
 
     def close(self) -> None:
-        """Stop streaming and release the camera; a second call does nothing."""
         self._camera.close()
 
     def _sequence_number(self, frame_id: int) -> int:
@@ -193,12 +191,13 @@ def _pixel_values(camera: AravisCamera) -> dict[str, Any]:
 
 
 class DeviceClock:
-    """Converts the camera's clock to that of this machine by the least delay of the last frames.
+    """Converts time stamps of the camera to the clock of this machine.
 
-    Readout and load only add to the delay. Without a stamp the time of arrival counts.
+    The offset of the clocks is the least of the last frames, because readout and load only delay
+    an arrival. A frame without a stamp gets the time of its arrival.
     """
 
-    # Number of frames in some seconds: clocks of cameras differ by 50 ppm, which is 0.5 ms in 10 s.
+    # Frames of some seconds: a camera's clock that is off by 50 ppm drifts by 0.5 ms in 10 s.
     _FRAMES = 256
 
     def __init__(self) -> None:

@@ -112,9 +112,8 @@ class FakeGigeCamera:
             frame = None
             with suppress(CameraError):  # no pulse for two periods
                 for _attempt in range(_MAX_ATTEMPTS):
-                    if (
-                        frame := source.next_frame(_MAX_LATE_PERIODS, exposure_us / 1e3)
-                    ) is not None:
+                    frame = source.next_frame(_MAX_LATE_PERIODS, exposure_us / 1e3)
+                    if frame is not None:
                         break
             if self._camera is None:  # `close` waits for this thread
                 return

@@ -136,7 +136,7 @@ def set_measurement_mode(camera: AravisCamera, config: GenicamCameraConfig) -> f
     _require_format(camera, config.pixel_format)
     settings.set("PixelFormat", config.pixel_format)
     _set_trigger(camera, settings, config.trigger_line)
-    # The present exposure may be too long for the rate, and the present rate for the exposure.
+    # Exposure and rate limit each other: the exposure is set before the rate and again after it.
     camera.set_exposure(min(config.exposure_ms, camera.exposure_range_ms[1]))
     for switch in _RATE_LIMITS:
         settings.set_if_available(switch, config.trigger_line is None)
@@ -194,8 +194,9 @@ def _set_trigger(camera: AravisCamera, settings: Settings, line: str | None) -> 
         settings.set_if_available("TriggerMode", "Off")
     settings.set_if_available("TriggerMode", "Off")
     if line is not None:
-        for selector in [name for name in _FRAME_TRIGGERS if name in selectors][:1]:
-            settings.set("TriggerSelector", selector)
+        frame_trigger = next((name for name in _FRAME_TRIGGERS if name in selectors), None)
+        if frame_trigger is not None:
+            settings.set("TriggerSelector", frame_trigger)
         settings.set("TriggerSource", line)
         settings.set_if_available("TriggerActivation", "RisingEdge")
         settings.set("TriggerMode", "On")

@@ -236,23 +236,23 @@ class V4l2Device(VideoNode):
         pix.width, pix.height = width_px, height_px
         pix.pixelformat, pix.field = abi.fourcc(fourcc), abi.FIELD_NONE
         requested = f"{fourcc.strip()} {width_px}x{height_px}"
-        refused = None
+        refusal = None
         try:
             self.try_call(abi.Vidioc.S_FMT, form)
         except OSError as error:
             # Most drivers replace a format that they lack by their own, some return EINVAL.
             if error.errno != errno.EINVAL:
                 self.fail(f"cannot set {requested}", error)
-            refused = "refuses it"
+            refusal = "refuses it"
         actual_fourcc = abi.fourcc_text(pix.pixelformat)
         actual = (actual_fourcc, pix.width, pix.height)
-        if refused is None and actual != (fourcc, width_px, height_px):
-            refused = f"gave {actual_fourcc.strip()} {pix.width}x{pix.height}"
-        if refused is None and pix.field != abi.FIELD_NONE:
-            refused = "gives interlaced frames only"
-        if refused is not None:
+        if refusal is None and actual != (fourcc, width_px, height_px):
+            refusal = f"gave {actual_fourcc.strip()} {pix.width}x{pix.height}"
+        if refusal is None and pix.field != abi.FIELD_NONE:
+            refusal = "gives interlaced frames only"
+        if refusal is not None:
             raise CameraError(
-                f"{self.path}: {requested} was asked for, the driver {refused}; set "
+                f"{self.path}: {requested} was asked for, the driver {refusal}; set "
                 f"camera.pixel_format, width_px and height_px to one of {self._offer()}"
             )
         quantization = abi.QUANTIZATION_NAMES.get(pix.quantization, str(pix.quantization))
@@ -306,7 +306,7 @@ class V4l2Device(VideoNode):
         poll = select.poll()
         poll.register(self._fd, select.POLLIN)
         while True:
-            # Even if poll reported nothing: a removed driver may not wake it, but returns ENODEV.
+            # Also without events from poll: a removed driver may not wake it, but returns ENODEV.
             buffer = self.buffer(0)
             try:
                 self.try_call(abi.Vidioc.DQBUF, buffer)
