@@ -52,7 +52,7 @@ class _MetaNotes(_Notes):
     height: _HeightNotes = _HeightNotes()
 
 
-_File = TypeVar("_File", bound=_Notes)
+_AnyNotes = TypeVar("_AnyNotes", bound=_Notes)
 
 
 def bundled_materials() -> dict[str, Path]:
@@ -74,11 +74,12 @@ def load_material(folder: str | Path) -> PeriodicSurface:
             f"{folder}: no height.png and no normal.png or normal.jpg; a material needs one of them"
         )
     maps = {file: _read(file) for file in (normal_file, height_file, albedo_file) if file}
-    first, shape = next((file, image.shape[:2]) for file, image in maps.items())
+    first_file, *_ = maps
+    shape = maps[first_file].shape[:2]
     for file, image in maps.items():
         if image.shape[:2] != shape:
             raise InputError(
-                f"{file}: {image.shape[1]} x {image.shape[0]} px, but {first.name} has "
+                f"{file}: {image.shape[1]} x {image.shape[0]} px, but {first_file.name} has "
                 f"{shape[1]} x {shape[0]}; the maps of a material must be of one size"
             )
     albedo = (
@@ -134,9 +135,10 @@ def _slopes(rgb: FloatMap, file: Path) -> tuple[FloatMap, FloatMap]:
             f"{file}: most normals point away from the viewer; give a tangent-space normal map "
             "(mostly blue), OpenGL convention"
         )
-    # The lower bound on z keeps the direction of a steep slope; the factor limits its size.
-    steepness = np.hypot(x, y) / np.maximum(z, 1e-3)
-    factor = np.minimum(1.0, _MAX_SLOPE / np.maximum(steepness, 1e-9)) / np.maximum(z, 1e-3)
+    # Slopes are limited to _MAX_SLOPE and keep their direction, also where z is 0 or negative.
+    z = np.maximum(z, 1e-3)
+    steepness = np.hypot(x, y) / z
+    factor = np.minimum(1.0, _MAX_SLOPE / np.maximum(steepness, 1e-9)) / z
     return np.asarray(-x * factor, np.float32), np.asarray(-y * factor, np.float32)
 
 
@@ -169,7 +171,7 @@ def _known_scale(folder: Path, width_px: int) -> float | None:
     return None if meta is None else meta.height.scale_px_per_unit
 
 
-def _read_notes(file: Path, model: type[_File]) -> _File | None:
+def _read_notes(file: Path, model: type[_AnyNotes]) -> _AnyNotes | None:
     """Read a JSON file; None without one."""
     if not file.is_file():
         return None

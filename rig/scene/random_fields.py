@@ -82,8 +82,8 @@ def shot_noise(power: _PowerSpectrum, spacing_px: float) -> Field:
 
     def field(rng: np.random.Generator, side: int) -> Floats:
         impulses = rng.poisson(spacing_px**-2.0, (side, side)).astype(np.float64)
-        # A tile without a bump has no slope that could be scaled.
-        impulses[0, 0] += not impulses.any()
+        if not impulses.any():
+            impulses[0, 0] = 1.0  # a tile without a bump has no slope that could be scaled
         return _filtered(impulses, power)
 
     return field
@@ -96,7 +96,8 @@ def cells(spacing_px: float) -> Field:
 
     def field(rng: np.random.Generator, side: int) -> Floats:
         no_point = (rng.random((side, side)) >= spacing_px**-2.0).astype(np.uint8)
-        no_point[0, 0] &= not no_point.all()  # at least one point
+        if no_point.all():
+            no_point[0, 0] = 0
         periodic = np.pad(no_point, reach_px, mode="wrap")
         distance = cv2.distanceTransform(periodic, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
         inside = slice(reach_px, reach_px + side)

@@ -188,8 +188,7 @@ class Lens:
     """A lens with faults; the default has none."""
 
     blur_px: float = 0.0  # standard deviation of the Gaussian
-    # share missing in the corners; it grows with the squared distance from the centre
-    vignetting: float = 0.0
+    vignetting: float = 0.0  # missing share in the corners, by the square of the field radius
 
     def images(self, scene: SceneImages) -> SceneImages:
         """The images of a scene through this lens; slopes, albedo and shadow stay the true ones."""

@@ -32,15 +32,16 @@ _GRAIN, _GRAIN_SLOPE = 0.015, 0.01
 _SHEET_SLOPE = 0.01  # 0.6 degrees: a card that is not quite flat on the stage
 _DUST_SPACING_PX = 80.0
 _TILE_PX = 512
-# Of a sphere's diameter, and of the width of a board without a scale: share of the shorter side.
+# Without a scale: diameter of a sphere and width of a board as shares of the frame's shorter side.
 _SPHERE_SHARE, _BOARD_SHARE = 0.6, 0.8
-# An LED of 5 mm at 110 mm appears under a radius of 1.3 degrees; its image on the ball is the lobe
-# of normals within half of that, as bright as a white surface that faces the LED.
+# The image of an LED on the ball is as bright as a white surface that faces the LED. An LED of 5 mm
+# at 110 mm has an angular radius of 1.3 degrees, and normals within half of that reflect it.
 _MIRROR = Gloss(strength=1.0, exponent=2.0 / math.radians(1.3) ** 2)
 _CHROME = 0.6  # reflectance of polished chrome or steel
 # Light that the walls of the shroud return, as a share of an LED's.
 _WALLS = 0.01
 _CARD_SHARE = 1.5  # side of the card on which a ball rests, in sides of the frame
+_CAMERA_DEG, _CAMERA_LIGHT = 8.0, 0.1  # angular radius of the lens, and its light in the mirror
 
 
 def target_named(
@@ -114,7 +115,7 @@ class Sphere:
         return _MIRROR if self.mirror else None
 
     def patch(self, view: View) -> SurfacePatch:
-        """The upper half of the ball, which stands on a pillar where the lower half would be."""
+        """The ball as the camera sees it: its upper half, at the height of its centre."""
         x, y = view.part_coordinates()
         squared = self.radius_px**2 - x * x - y * y
         is_ball = squared > 0.0
@@ -131,19 +132,20 @@ class Sphere:
         """Add what a mirror reflects besides the LEDs: the room, the dark camera and the card."""
         if not self.mirror:
             return scene
-        towards_z = 1.0 / (1.0 + scene.p**2 + scene.q**2)  # squared, of the normal
+        nz_squared = 1.0 / (1.0 + scene.p**2 + scene.q**2)
         # The direction that a pixel sees: 2 (n . v) n - v with v = (0, 0, 1).
-        x, y, z = -2.0 * scene.p * towards_z, -2.0 * scene.q * towards_z, 2.0 * towards_z - 1.0
+        x, y, z = -2.0 * scene.p * nz_squared, -2.0 * scene.q * nz_squared, 2.0 * nz_squared - 1.0
+        # A room that is brighter upwards in the image, with a window at the upper left.
         room = 1.0 + 0.5 * y + 3.0 * ((abs(x + 0.6) < 0.15) & (abs(y - 0.5) < 0.2))
-        room = np.where(z > math.cos(math.radians(8.0)), 0.1, room)  # the lens of the camera
+        room = np.where(z > math.cos(math.radians(_CAMERA_DEG)), _CAMERA_LIGHT, room)
         is_ball, side_px = scene.albedo == 0.0, len(scene.albedo)
-        # Where a ray that goes down from the ball reaches the plane of the card.
-        down_px = self.radius_px * (1.0 + np.sqrt(towards_z)) / np.maximum(-z, 1e-6)
-        beyond = [
-            np.abs(start + down_px * step) > 0.5 * _CARD_SHARE * side_px
+        # Length of a ray that goes down from the ball to the plane of the card.
+        ray_px = self.radius_px * (1.0 + np.sqrt(nz_squared)) / np.maximum(-z, 1e-6)
+        beside_x, beside_y = (
+            np.abs(start + ray_px * step) > 0.5 * _CARD_SHARE * side_px
             for start, step in zip(from_centre(side_px), (x, y), strict=True)
-        ]
-        card = (z < 0.0) & ~beyond[0] & ~beyond[1]
+        )
+        card = (z < 0.0) & ~beside_x & ~beside_y
         lit_card = scene.lights.max(axis=(1, 2), where=~is_ball, initial=0.0)[:, None, None]
         lights = np.where(card, lit_card, np.float32(_WALLS) * room.astype(np.float32))
         dark = np.where(card, _BLACK, room).astype(np.float32)
@@ -169,33 +171,33 @@ class _Checkerboard:
         return 0.0
 
     def patch(self, view: View) -> SurfacePatch:
-        """The board, whose edges are blurred by one pixel so that they are between pixels."""
+        """The board; its edges are one pixel wide, for corners at fractions of a pixel."""
         axes = view.part_coordinates()
-        sign, inside = np.ones(()), np.ones((), np.bool_)
+        contrast, inside = np.ones(()), np.ones((), np.bool_)  # contrast: 1 is white, -1 is black
         for along, corners in zip(axes, CHECKERBOARD_CORNERS, strict=True):
-            # Squares from the middle of the board; corners are at whole numbers.
+            # In squares; corners are at whole numbers.
             square = along / self.square_px + 0.5 * (corners - 1)
             to_edge_px = (
                 (0.5 - np.abs(np.mod(square, 1.0) - 0.5)) * self.square_px * view.magnification
             )
-            side = np.where(np.mod(np.floor(square), 2.0) == 0.0, 1.0, -1.0)
-            sign = sign * side * np.minimum(2.0 * to_edge_px, 1.0)
+            colour = np.where(np.mod(np.floor(square), 2.0) == 0.0, 1.0, -1.0)
+            contrast = contrast * colour * np.minimum(2.0 * to_edge_px, 1.0)
             inside = inside & (square > -1.0) & (square < corners)
-        share = np.where(inside, 0.5 + 0.5 * sign, 1.0)
-        albedo = np.asarray(self.black + (self.white - self.black) * share, np.float32)
+        whiteness = np.where(inside, 0.5 + 0.5 * contrast, 1.0)
+        albedo = np.asarray(self.black + (self.white - self.black) * whiteness, np.float32)
         flat = np.zeros_like(albedo)
         return SurfacePatch(flat, flat, flat, albedo)
 
 
 def _dust(rng: np.random.Generator) -> Floats:
-    """Share of light that specks of dust leave, (_TILE_PX, _TILE_PX)."""
-    image = np.ones((_TILE_PX, _TILE_PX))
+    """(_TILE_PX, _TILE_PX) share of the light that is left by specks of dust, Gaussian spots."""
+    transmission = np.ones((_TILE_PX, _TILE_PX))
     count = round((_TILE_PX / _DUST_SPACING_PX) ** 2)
-    near = np.arange(-8, 9)
+    window = np.arange(-8, 9)  # four standard deviations of the largest speck
     for row, col in rng.uniform(0.0, _TILE_PX, (count, 2)):
         radius_px, depth = rng.uniform(0.7, 2.0), rng.uniform(0.2, 0.7)
-        rows, cols = near + round(row), near + round(col)
+        rows, cols = window + round(row), window + round(col)
         squared = (rows[:, None] - row) ** 2 + (cols - col) ** 2
-        part = np.ix_(rows % _TILE_PX, cols % _TILE_PX)
-        image[part] *= 1.0 - depth * np.exp(-0.5 * squared / radius_px**2)
-    return image
+        tile = np.ix_(rows % _TILE_PX, cols % _TILE_PX)
+        transmission[tile] *= 1.0 - depth * np.exp(-0.5 * squared / radius_px**2)
+    return transmission
