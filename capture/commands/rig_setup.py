@@ -180,4 +180,4 @@ def _status(simulation: DeviceSimulation) -> str:
     lit = ", ".join(f"LED {led}" for led in simulation.lit) or "no LED"
     if simulation.camera is None:
         return f"{lit} lit"
-    return f"{lit} lit, {simulation.written} frames written, {simulation.late} too late"
+    return f"{lit} lit, {simulation.written_count} frames written, {simulation.late_count} too late"

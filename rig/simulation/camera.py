@@ -67,7 +67,7 @@ class Exposures(ABC):
         """Start of an exposure."""
 
     @abstractmethod
-    def started(self, by_s: float) -> int:
+    def count_started(self, by_s: float) -> int:
         """Number of exposures that start up to `by_s`."""
 
     def await_start(self, number: int, deadline_s: float) -> bool:
@@ -105,11 +105,9 @@ class FreeRunning(Exposures):
         clock.call_at(self._started_s, lambda: self._run(0))
 
     def start_s(self, number: int) -> float:
-        """Start of an exposure."""
         return self._started_s + number * self.shutter.period_s
 
-    def started(self, by_s: float) -> int:
-        """Number of exposures that start up to `by_s`."""
+    def count_started(self, by_s: float) -> int:
         periods = (by_s - self._started_s + _ROUNDING_S) / self.shutter.period_s
         return max(0, math.floor(periods) + 1)
 
@@ -129,7 +127,6 @@ class Triggered(Exposures):
         self._dropped = 0  # number of earlier starts that are no longer kept
 
     def trigger(self) -> bool:
-        """Give a pulse on the trigger line now; return whether it starts an exposure."""
         now_s = self._clock.now_s()
         with self._lock:
             if self._starts_s and now_s < self._starts_s[-1] + self.shutter.period_s:
@@ -142,26 +139,21 @@ class Triggered(Exposures):
         return True
 
     def start_s(self, number: int) -> float:
-        """Start of an exposure."""
         with self._lock:
             if number < self._dropped:
                 raise ValueError(f"exposure {number} is older than the kept {len(self._starts_s)}")
             return self._starts_s[number - self._dropped]
 
-    def started(self, by_s: float) -> int:
-        """Number of exposures that start up to `by_s`."""
+    def count_started(self, by_s: float) -> int:
         with self._lock:
             return self._dropped + bisect_right(self._starts_s, by_s + _ROUNDING_S)
 
     def await_start(self, number: int, deadline_s: float) -> bool:
-        """Whether an exposure is triggered by the deadline."""
-        while not (is_known := self._start_count() > number) and self._clock.now_s() < deadline_s:
+        while self.count_started(math.inf) <= number:
+            if self._clock.now_s() >= deadline_s:
+                return False
             self._clock.sleep_s(_TRIGGER_POLL_S)
-        return is_known
-
-    def _start_count(self) -> int:
-        with self._lock:
-            return self._dropped + len(self._starts_s)
+        return True
 
 
 # Separates the random numbers of time stamps from those of pixels.
@@ -172,7 +164,7 @@ _JITTER_STREAM = 1
 class _ReportedTiming:
     """The timing that a simulated camera reports of its exposures."""
 
-    # reported start, for a sequence number and the true start
+    # From the sequence number and the true start to the reported start.
     start_s: Callable[[int, float], float] = lambda _sequence, start_s: start_s
     readout_s: float | None = None
     start_uncertainty_s: float = 0.0  # how much later than reported an exposure may start
@@ -210,8 +202,8 @@ def reported_timing(
 
 # Number of buffers of the driver, the same as of `V4l2Camera`.
 _BUFFERS = 4
-# Pause after an exposure, before the pixels are computed: the controller may switch its LEDs then
-# and needs the processor.
+# Pause after an exposure, before the pixels are computed: the simulated controller may switch its
+# LEDs then, and needs the processor.
 _SWITCH_PAUSE_S = 0.001
 _MIN_EXPOSURE_MS = 0.02  # of common industrial cameras
 
@@ -254,7 +246,6 @@ class SimulatedCamera:
 
     @property
     def info(self) -> CameraInfo:
-        """Properties of every frame."""
         rows, columns = self.scene.ambient.shape
         kind, name, controls = "simulated", "simulated camera", {}
         if isinstance(self.sensor, RecordedPixels):
@@ -298,7 +289,6 @@ class SimulatedCamera:
         self._seed = seed
 
     def read(self, timeout_s: float) -> Frame:
-        """The oldest frame in the queue, or the next one to arrive."""
         if not self._open:
             raise CameraError("the camera is closed")
         now_s = self._clock.now_s()
@@ -320,7 +310,7 @@ class SimulatedCamera:
     @property
     def has_next(self) -> bool:
         """Whether a frame waits or is being exposed."""
-        started = self.exposures.started(self._clock.now_s())
+        started = self.exposures.count_started(self._clock.now_s())
         return bool(self._queue) or started > self._next_sequence
 
     def ready_s(self, sequence: int) -> float:
@@ -328,14 +318,13 @@ class SimulatedCamera:
         return self.exposures.start_s(sequence) + self.exposures.shutter.ready_after_s
 
     def close(self) -> None:
-        """Stop streaming; a second call does nothing."""
         self._open = False
         self.exposures.close()
         self._queue.clear()
 
     def _fill_buffers(self, now_s: float) -> None:
         """Fill free buffers with the frames that are finished at `now_s`."""
-        finished = self.exposures.started(now_s - self.exposures.shutter.ready_after_s)
+        finished = self.exposures.count_started(now_s - self.exposures.shutter.ready_after_s)
         while self._next_sequence < finished and len(self._queue) < _BUFFERS:
             self._queue.append((self._next_sequence, self.scene))
             self._next_sequence += 1

@@ -51,7 +51,7 @@ class DefectiveSurface:
         for defect in self.defects:
             # Only the window is computed: the frame may be a hundred times as large.
             window = _window(defect, x, y)
-            piece = replace(patch, **{name: getattr(patch, name)[window] for name in _MAPS})
+            piece = _cut(patch, window)
             changed = self._with_defect(defect, piece, x[window], y[window], window, view)
             for name in _MAPS:
                 getattr(patch, name)[window] = getattr(changed, name)
@@ -106,26 +106,23 @@ class DefectiveSurface:
         self, defect: Defect, along: Image, across: Image, window: _Window, view: View
     ) -> SurfacePatch:
         """The mean plane of the replaced texture, with the relief of the foreign one."""
-        level, p, q, albedo = _means_around(self.surface, defect, (defect.x_px, defect.y_px))
-        p, q = _rotated(p, q, -defect.angle_deg)  # along and across
+        height, p, q, albedo = _means_around(self.surface, defect, (defect.x_px, defect.y_px))
+        p_along, q_across = _rotated(p, q, -defect.angle_deg)
+        angle_deg = view.rotate_deg + defect.angle_deg
         if defect.surface is not None:
             shift = _rotated(
                 view.shift_px[0] - defect.x_px, view.shift_px[1] - defect.y_px, -defect.angle_deg
             )
             other = self.foreign[defect.surface]
-            other_level, other_p, other_q, _ = _means_around(other, defect, (0.0, 0.0))
-            whole_patch = other.patch(
-                replace(view, rotate_deg=view.rotate_deg + defect.angle_deg, shift_px=shift)
-            )
-            patch = replace(
-                whole_patch, **{name: getattr(whole_patch, name)[window] for name in _MAPS}
-            )
-            level, p, q = level - other_level, p - other_p, q - other_q
+            patch = _cut(other.patch(replace(view, rotate_deg=angle_deg, shift_px=shift)), window)
+            # The plane replaces that of the foreign texture.
+            other_height, other_p, other_q, _ = _means_around(other, defect, (0.0, 0.0))
+            height, p_along, q_across = height - other_height, p_along - other_p, q_across - other_q
         else:
             flat = np.zeros(along.shape, np.float32)
             patch = SurfacePatch(flat, flat, flat, np.full_like(flat, albedo))
-        plane = view.magnification * (level + p * along + q * across)
-        p, q = _rotated(p, q, view.rotate_deg + defect.angle_deg)
+        plane = view.magnification * (height + p_along * along + q_across * across)
+        p, q = _rotated(p_along, q_across, angle_deg)
         return replace(
             patch,
             height=patch.height + np.float32(plane),
@@ -134,10 +131,14 @@ class DefectiveSurface:
         )
 
 
+def _cut(patch: SurfacePatch, window: _Window) -> SurfacePatch:
+    return replace(patch, **{name: getattr(patch, name)[window] for name in _MAPS})
+
+
 def _means_around(
     surface: Surface, defect: Defect, middle_px: tuple[float, float]
 ) -> tuple[float, float, float, float]:
-    """Means of height, p, q and albedo under the whole defect, also beyond the frame."""
+    """Means of height, p, q and albedo under a defect of which a part may be outside the frame."""
     side_px = math.ceil(defect.size_px)
     patch = surface.patch(View(side_px, shift_px=middle_px))
     weight = bump(defect.size_px, *View(side_px).part_coordinates()).value

@@ -31,7 +31,7 @@ class DeviceSimulation:
                 "camera.kind = 'replay' cannot be simulated as a device; set 'v4l2' or 'simulated'"
             )
         camera = None if served is None else _served_camera(config, served)
-        self._triggered: TriggeredCamera | None = None  # where pulses start the exposures
+        self._triggered: TriggeredCamera | None = None  # None for a camera that runs free
         if config.lights.synchronisation == "trigger":
             if not isinstance(camera, TriggeredCamera):
                 raise ConfigError(
@@ -39,7 +39,7 @@ class DeviceSimulation:
                     f"--camera {camera_choices('trigger')}, or set 'software' or 'strobe'"
                 )
             self._triggered = camera
-        self.written = self.late = 0
+        self.written_count = self.late_count = 0
         self._period_s = 1.0 / config.camera.frame_rate_hz
         bits = config.camera.bits if camera is None else camera.bit_depth
         real_time = config.with_changes(
@@ -92,9 +92,9 @@ class DeviceSimulation:
         end_s = simulation.camera.ready_s(frame.sequence)
         late_s = simulation.clock.now_s() - end_s
         if self._triggered is None and late_s > max_late_periods * self._period_s:
-            self.late += 1
+            self.late_count += 1
             return None
-        self.written += 1
+        self.written_count += 1
         if self._triggered is not None and simulation.camera.has_next:
             self._triggered.trigger()  # pulses came while this frame was exposed
         return ServedFrame(frame.pixels, frame.sequence, end_s)

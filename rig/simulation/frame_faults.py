@@ -34,16 +34,13 @@ class FaultyCamera:
 
     @property
     def info(self) -> CameraInfo:
-        """Properties of every frame."""
         return self._camera.info
 
     @property
     def exposure_range_ms(self) -> tuple[float, float]:
-        """Shortest and longest exposure of the camera."""
         return self._camera.exposure_range_ms
 
     def set_exposure(self, exposure_ms: float) -> None:
-        """Change the exposure of the camera."""
         self._camera.set_exposure(exposure_ms)
 
     def read(self, timeout_s: float) -> Frame:
@@ -61,14 +58,12 @@ class FaultyCamera:
                 return delivered
 
     def close(self) -> None:
-        """Close the camera."""
         self._camera.close()
 
     def _with_faults(self, frame: Frame) -> Frame | None:
         """Return the frame as it is delivered, or None if it is dropped."""
         elapsed_s = frame.exposure_start_s - self._started_s
-        result = frame
-        repeated = None
+        result, repeated = frame, None
         for index, fault in enumerate(self._faults):
             if self._is_gone or not fault.when.covers(elapsed_s):
                 continue

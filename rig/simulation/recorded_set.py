@@ -66,7 +66,7 @@ def _recorded(
     values = planes.astype(np.float32)
     ambient = values[count] if len(values) > count else np.zeros_like(values[0])
     camera = fields.get("camera") or {}
-    # The noise holds for the camera's own pixel values, not for an average, which is stretched.
+    # The noise is in the camera's own pixel values. Means of frames are stretched to 16 bits.
     is_unstretched = full_scale == (1 << bits) - 1
     names = ("gain_e_per_dn", "read_noise_dn", "black_level_dn")
     origin = {key: fields[key] for key in ("pixels_sha256", "created_utc", "label", "simulated")}

@@ -22,8 +22,7 @@ from .defective_surface import DefectiveSurface
 
 _Value = TypeVar("_Value")
 
-# Size of one scene of 1024 x 1024 px and four lights, or of many small scenes.
-_CACHE_BYTES = 64_000_000
+_CACHE_BYTES = 64_000_000  # one scene of 1024 x 1024 px with four lights, or many small ones
 # A bare LED chip follows Lambert's law.
 _LED_LOBE_EXPONENT = 1.0
 

@@ -65,8 +65,8 @@ class SensorModel:
         # 0.5: conversion to integers rounds down.
         signal += np.float32(self.black_level_dn + 0.5)
         if self.hot_pixels:
-            pixels, excess_dn = self._hot_pixels(signal.size)
-            signal.flat[pixels] += excess_dn
+            indices, excess_dn = self._hot_pixels(signal.size)
+            signal.flat[indices] += excess_dn
         if self.response_gamma != 1.0:
             fraction = np.maximum(signal - np.float32(0.5), 0.0) / np.float32(self.full_scale_dn)
             signal = fraction ** np.float32(1.0 / self.response_gamma)
@@ -80,9 +80,9 @@ class SensorModel:
     def _hot_pixels(self, pixel_count: int) -> tuple[npt.NDArray[np.int64], FloatMap]:
         """Flat indices of the hot pixels, the same in all frames, and the values that they add."""
         rng = np.random.default_rng((self.hot_pixels, pixel_count))
-        pixels = rng.choice(pixel_count, self.hot_pixels, replace=False)
+        indices = rng.choice(pixel_count, self.hot_pixels, replace=False)
         shares = rng.uniform(0.1, 1.0, self.hot_pixels)
-        return pixels, (shares * self.full_well_e / self.gain_e_per_dn).astype(np.float32)
+        return indices, (shares * self.full_well_e / self.gain_e_per_dn).astype(np.float32)
 
     def expose_unclipped(self, light_ms: FloatMap, rng: np.random.Generator) -> FloatMap:
         """(H, W) float32 noisy values above the black level, neither clipped nor rounded."""

@@ -20,7 +20,7 @@ def test_a_camera_that_is_triggered_for_months_takes_no_more_memory(
             exposures.trigger()
             assert exposures.await_start(number, at_s)
             assert exposures.start_s(number) == at_s
-            assert exposures.started(at_s) == number + 1
+            assert exposures.count_started(at_s) == number + 1
             clock.sleep_s(0.002)
 
     assert growth_bytes(trigger, 0, 300, 300 + 10 * 256) < 10_000
