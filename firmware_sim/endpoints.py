@@ -25,7 +25,7 @@ class HostLine(Protocol):
 class Endpoint:
     """A place to connect to, for one host at a time."""
 
-    address: str  # that a host opens
+    address: str  # what a host opens
     listener_fd: int | None = None  # readable when a host connects; None: poll `accept`
 
     def accept(self) -> HostLine | None:

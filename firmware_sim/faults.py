@@ -34,7 +34,7 @@ class When(_FaultModel):
     nth: int | None = Field(
         default=None, ge=1, description="only this event, counted from 1 at from_s"
     )
-    times: int = Field(default=1, ge=1, description="and the events after it, this many in all")
+    times: int = Field(default=1, ge=1, description="with nth: number of successive events")
     from_s: float = Field(default=0.0, description="on the simulation's clock, which starts at 0")
     until_s: float = Field(default=math.inf, description="no end by default")
     probability: float = Field(default=1.0, gt=0.0, le=1.0, description="of each of these events")
@@ -175,13 +175,13 @@ class _FaultyLed:
         return itertools.pairwise(inside)
 
 
-class _Cabled:
-    """Pin and position of the same number: with swapped cables, the pin drives another LED."""
+class _SwappedLed:
+    """An LED whose cable may be exchanged: its pin drives `driven`, its light is that of `own`."""
 
-    def __init__(self, light: LedLight, driven: LedLight) -> None:
+    def __init__(self, own: LedLight, driven: LedLight) -> None:
         self.drive = driven.drive
-        self.output = light.output
-        self.output_integral_s = light.output_integral_s
+        self.output = own.output
+        self.output_integral_s = own.output_integral_s
 
 
 def faulty_leds(
@@ -189,15 +189,15 @@ def faulty_leds(
 ) -> list[LedLight]:
     """Make the LEDs of a board with faults, in the order of their pins."""
     faults = tuple(faults)
-    result: list[LedLight] = []
+    lights: list[LedLight] = []
     for index, led in enumerate(leds):
-        of_led = [fault for fault in faults if fault.led == index and fault.kind != "swapped"]
-        result.append(_FaultyLed(led, of_led, seed + index, started_s) if of_led else led)
-    cabled = list(range(len(leds)))
+        own_faults = [fault for fault in faults if fault.led == index and fault.kind != "swapped"]
+        lights.append(_FaultyLed(led, own_faults, seed + index, started_s) if own_faults else led)
+    driven = [*lights]  # by pin
     for fault in faults:
         if fault.other is not None:
-            cabled[fault.led], cabled[fault.other] = cabled[fault.other], cabled[fault.led]
-    return [_Cabled(light, result[driven]) for light, driven in zip(result, cabled, strict=True)]
+            driven[fault.led], driven[fault.other] = driven[fault.other], driven[fault.led]
+    return [_SwappedLed(own, by_pin) for own, by_pin in zip(lights, driven, strict=True)]
 
 
 class FaultyLine(SimulatedController):
@@ -230,7 +230,7 @@ class FaultyLine(SimulatedController):
         for line in lines:
             self._collect_output()
             self._command = line
-            super().feed(self._through("to_controller", line + b"\n"))
+            super().feed(self._transmitted("to_controller", line + b"\n"))
             self._collect_output()
 
     def take_output(self) -> bytes:
@@ -240,12 +240,12 @@ class FaultyLine(SimulatedController):
 
     def _collect_output(self) -> None:
         for line in super().take_output().splitlines(keepends=True):
-            self._output += self._through("to_host", line)
+            self._output += self._transmitted("to_host", line)
 
-    def _through(self, direction: str, line: bytes) -> bytes:
+    def _transmitted(self, direction: str, line: bytes) -> bytes:
         """Return a line as it arrives at the other end, after lines that come late."""
         since_s = self.clock.now_s() - self._started_s
-        late = False
+        is_late = False
         for index, fault in enumerate(self._faults):
             affected = fault.direction == direction and fault.containing.encode() in self._command
             if not (affected and fault.when.covers(since_s)):
@@ -258,11 +258,11 @@ class FaultyLine(SimulatedController):
             elif fault.kind == "delay":
                 self.clock.sleep_s(fault.delay_ms / 1000.0)
             elif fault.kind == "late":
-                late = True
+                is_late = True
             else:
                 line = _damaged(line, fault.kind, self._rng)
         delayed, self._delayed[direction] = self._delayed[direction], b""
-        if late:
+        if is_late:
             self._delayed[direction] = delayed + line
             return b""
         return delayed + line

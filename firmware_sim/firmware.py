@@ -80,10 +80,10 @@ class _Leds:
     def light(self, led: int) -> int:
         """Light one LED and no other, or with DARK no LED; return the `micros` of the change."""
         if self.selected != DARK:
-            self._budget(self.selected)
+            self._update_budget(self.selected)
         if led != DARK:
             drain_percent = 100 - self._board.max_duty_percent(led)
-            lasts_ms = self._budget(led) // drain_percent
+            lasts_ms = self._update_budget(led) // drain_percent
             self.exhausted_us = self._updated_us[led] + 1000 * lasts_ms
         self.selected = led
         changed_us = 0
@@ -94,9 +94,10 @@ class _Leds:
 
     def has_rested(self, led: int) -> bool:
         """Whether an LED may be lit: it is lit already, or has at least half of its budget."""
-        return led in (DARK, self.selected) or 2 * self._budget(led) >= self._full(led)
+        return led in (DARK, self.selected) or 2 * self._update_budget(led) >= self._full(led)
 
-    def _budget(self, led: int) -> int:
+    def _update_budget(self, led: int) -> int:
+        """Drain or refill the budget of an LED for the time since the last call; return it."""
         passed_ms = (self._board.micros() - self._updated_us[led]) // 1000
         self._updated_us[led] += 1000 * passed_ms
         duty_percent = self._board.max_duty_percent(led)
@@ -147,8 +148,8 @@ class Sequence:
         self.running = True
         self._delay_us = delay_us
         self._due_us = -1  # of the first step, once the sensor has seen a part
-        # _edge_us: the latest edge of the strobe, or else the first light.
-        self.started_us = self.ended_us = self._edge_us = board.micros()
+        self.started_us = self.ended_us = board.micros()
+        self._edge_us = self.started_us  # latest edge of the strobe, or the first light
         if delay_us == _AT_ONCE:
             self.started_us = self.ended_us = self._start_step()
 

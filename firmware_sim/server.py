@@ -128,7 +128,7 @@ class Server:
             if host is not None:
                 events = selectors.EVENT_READ | (selectors.EVENT_WRITE if waits_to_write else 0)
                 selector.register(host, events)
-            if not selector.get_map():  # which Windows would not wait for
+            if not selector.get_map():  # on Windows, `select` would return at once
                 self._stopping.wait(_POLL_S)
                 return set()
             ready = selector.select(_POLL_S)

@@ -98,12 +98,12 @@ class TtyEndpoint(Endpoint):
             self._speed: int = getattr(termios, f"B{baud}")
         except AttributeError:
             raise ValueError(f"{baud} baud is not a speed of a serial device") from None
-        self._fd = self._opened()
+        self._fd = self._open()
 
     def accept(self) -> HostLine | None:
         if self._fd is None:
             try:
-                self._fd = self._opened()
+                self._fd = self._open()
             except OSError:
                 return None  # unplugged
         return None if self._fd is None else _TerminalLine(self._fd)
@@ -116,7 +116,7 @@ class TtyEndpoint(Endpoint):
             os.close(self._fd)
             self._fd = None
 
-    def _opened(self) -> int | None:
+    def _open(self) -> int | None:
         fd = os.open(self.address, O_RDWR | O_NOCTTY | O_NONBLOCK)
         try:
             fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
