@@ -32,12 +32,12 @@ from .hardware_set import ArrivedPart, images_in_sequence
 from .light_checks import check_set, check_target, measured_levels
 from .light_images import SetImage, images_under
 
-# Largest number of averaged frames; the sum of so many 16-bit frames is far within 32 bits.
+# Largest number of averaged frames. Their sum is far below 32 bits.
 MAX_AVERAGE = 1024
 # A transient disturbance (a lost line, a torn frame) seldom affects two attempts; see the table
 # that test_fault_matrix.py prints.
 MAX_ATTEMPTS = 3
-# Hash in a set whose pixels are not hashed yet; such a set cannot be saved.
+# Placeholder until the pixels are hashed; a set with it cannot be saved.
 _NO_HASH = ""
 # Read once, because reading it takes longer than switching a light.
 _SOFTWARE_VERSION = version("ps4rig")
@@ -72,22 +72,21 @@ def capture_set(
         Frames per image. The mean of several is stretched to 16 bits.
     calibration
         Calibration of this rig at this setting; by default the one that its ``rig.toml`` names,
-        except for a target. The set keeps the pixel values of the camera and
-        the hash of the calibration. The checks take its lights into account.
+        except for a target. Only the checks apply it: the set has the camera's pixel values, and
+        the hash of the calibration.
     is_target
         The part is a calibration target: no image is rejected for its brightness or shading.
     part
         Part that the sensor has detected, from `wait_for_part`, with `average` 1. Only one attempt
-        is made, because at a second one another part may be there. A retake shows whether the part
+        is made, because another part may be there at a second one. A retake shows whether the part
         moved.
     exposed
         Called with the set of each attempt before its checks, to start work on its images; it must
         return at once. This set has no checks and no hash. The returned set has the same arrays,
         and the same metadata except corrected intensities.
     least_level
-        An LED that gives at least this share of the others' light, in a retake too, is accepted;
-        the intensities of the set have its measured level. Without it a difference of 4 % is
-        rejected.
+        Least share of the others' light at which an LED is accepted, if a retake confirms it; the
+        intensities of the set have its measured level. By default a difference of 4 % is rejected.
 
     Raises
     ------
@@ -230,8 +229,9 @@ def _capture(
         for image in images:
             on_image(image)
         return images
-    # Lights of equal sign in the redundancy follow each other, the second ambient image between the
-    # two groups: then extra light during any consecutive images shows in the residual or there.
+    # The two lights of each sign in the redundancy follow each other, with an ambient image between
+    # the pairs. Extra light during consecutive images then changes the redundancy residual or that
+    # ambient image.
     first, second = split_by_redundancy_sign(rig.lighting)
     order = (*first, *second)[::-1] if is_retake else (None, *first, None, *second)
     return images_under(rig, order, average, history, on_image)
@@ -242,10 +242,10 @@ def _retake(rig: Rig, average: int, history: FrameHistory) -> npt.NDArray[np.uin
     return _stack(_light_images(_capture(rig, average, history, is_retake=True)))
 
 
-def _add_page(pixel_hash: PixelHash, lights: int, image: SetImage) -> None:
+def _add_page(pixel_hash: PixelHash, light_count: int, image: SetImage) -> None:
     """Hash an image that the file holds: a light image or the first ambient image."""
-    page = lights if image.record.light is None else image.record.light
-    is_later_ambient = page == lights and pixel_hash.has(lights)
+    page = light_count if image.record.light is None else image.record.light
+    is_later_ambient = page == light_count and pixel_hash.has(page)
     if not is_later_ambient:
         pixel_hash.add(page, image.pixels)
 
@@ -276,7 +276,7 @@ def _flush(rig: Rig) -> None:
 
 def _camera_record(info: CameraInfo) -> CameraRecord:
     timing = {"exposure_ms": 1000.0 * info.exposure_s, "frame_rate_hz": 1.0 / info.frame_period_s}
-    from_info = {
+    others = {
         name: getattr(info, name) for name in CameraRecord.model_fields.keys() - timing.keys()
     }
-    return CameraRecord(**from_info, **timing)
+    return CameraRecord(**others, **timing)

@@ -26,9 +26,9 @@ from rig.signals import signals_held_back
 
 from .fresh_frames import RepeatDetector, check_frame
 
-# Ratios of each exposure to the next shorter one. The first steps are small, because the highest
-# levels constrain the curve most. The range is 1 to 63, so that a camera of gamma 2.2 also shows
-# the lower seventh of its values.
+# Ratios of each exposure to the next shorter one. The first ratios are small, because the highest
+# levels constrain the response most. Together they are 63, which reaches the lowest seventh of the
+# values of a camera with gamma 2.2.
 _RATIOS = (*[1.12] * 6, *[1.25] * 5, *[1.6] * 5)
 # Divisor of the exposure while more than half of the frame is saturated.
 _EXPOSURE_DIVISOR = 1.4
@@ -64,13 +64,13 @@ def frame_series(rig: Rig, light: int | None, count: int) -> Pixels:
     """Return (count, H, W) fresh frames under one light, None for all LEDs off; it stays on."""
     repeats = RepeatDetector()
 
-    def receive(frame: Frame, not_before_s: float) -> FrameKind:
+    def classify(frame: Frame, not_before_s: float) -> FrameKind:
         check_frame(frame, rig.camera.info, rig.clock.now_s())
         return FrameKind.REPEATED if repeats.is_repeat(frame) else kind_of(frame, not_before_s)
 
     switch = switch_to(rig, light)
     settled_s = switch.acknowledged_s + rig.config.lights.settle_ms / 1e3
-    frames: list[Array] = [next_fresh_frame(rig, settled_s, receive).pixels for _ in range(count)]
+    frames: list[Array] = [next_fresh_frame(rig, settled_s, classify).pixels for _ in range(count)]
     rig.lights.confirm(light)
     return np.stack(frames)
 
@@ -105,7 +105,7 @@ def brightest_light(rig: Rig) -> int:
 
 
 def ladder_ms(rig: Rig, light: int) -> list[float]:
-    """Return exposures for a response, the longest first: there half of the frame may saturate."""
+    """Return exposures for a response, from one that saturates at most half of the frame down."""
     shortest_ms, longest_ms = rig.camera.exposure_range_ms
     if shortest_ms == longest_ms:
         raise CameraError(
@@ -118,8 +118,8 @@ def ladder_ms(rig: Rig, light: int) -> list[float]:
         if float((frame >= full).mean()) <= _MAX_SATURATED_SHARE:
             break
         top_ms = max(shortest_ms, top_ms / _EXPOSURE_DIVISOR)
-    below = top_ms / np.cumprod((1.0, *_RATIOS))
-    return [exposure_ms for exposure_ms in below.tolist() if exposure_ms >= shortest_ms]
+    exposures_ms = top_ms / np.cumprod((1.0, *_RATIOS))
+    return [exposure_ms for exposure_ms in exposures_ms.tolist() if exposure_ms >= shortest_ms]
 
 
 def frames_at(rig: Rig, light: int, exposure_ms: float, count: int) -> Pixels:

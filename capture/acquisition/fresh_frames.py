@@ -8,8 +8,8 @@ from rig import CameraError, CameraInfo, Frame, Rig, Switch
 from rig.config.lights import led_names
 from rig.fresh_frame import FrameKind, NoFreshFrameError, kind_of, next_fresh_frame
 
-# Pixels compared to find a repeated frame. Two exposures with a noise of 1 DN agree in a third of
-# their pixels; with much less noise, at least one pixel of so many differs.
+# Pixels that are compared to find a repeated frame. Noise makes two exposures differ: of 1 DN in
+# two thirds of the pixels, of much less in at least one of so many.
 _SAMPLED_PX = 4096
 
 
@@ -43,9 +43,9 @@ class RepeatDetector:
     def is_repeat(self, frame: Frame) -> bool:
         """Whether a frame repeats the one of the previous call."""
         sample = _sample(frame)
-        same_number = self._sequence is not None and frame.sequence <= self._sequence
-        same_pixels = sample != b"" and sample == self._sample and not self._is_repeat
-        self._is_repeat = same_number or same_pixels
+        has_old_number = self._sequence is not None and frame.sequence <= self._sequence
+        has_old_pixels = sample != b"" and sample == self._sample and not self._is_repeat
+        self._is_repeat = has_old_number or has_old_pixels
         self._sequence = max(frame.sequence, self._sequence or 0)
         self._sample = sample
         return self._is_repeat
@@ -58,8 +58,8 @@ def _sample(frame: Frame) -> bytes:
     return sample.tobytes() if int(sample.max()) - int(sample.min()) > 1 else b""
 
 
-# Frames over which one time stamp predicts another: as many as a V4L2 camera buffers. Over more,
-# the accumulated error of the period exceeds the pause between two exposures.
+# Number of frames over which one time stamp predicts another: the buffers of a V4L2 camera. Over
+# more, the accumulated error of the period exceeds the pause between two exposures.
 _MAX_FRAMES = 4
 # Relative error of the frame period that a camera reports: `RATE_TOLERANCE` of
 # rig/cameras/v4l2/device.py.
@@ -67,9 +67,10 @@ _PERIOD_ERROR = 0.01
 
 
 class ExposureTimeline:
-    """Exposure starts of the received frames, which are at least a frame period apart.
+    """Exposure starts of the received frames.
 
-    Earlier time stamps predict the next start. A later stamp can show that an earlier one was late.
+    They are at least a frame period apart, so that time stamps predict the next start, and a later
+    stamp can show that an earlier one was late.
     """
 
     def __init__(self, period_s: float) -> None:
@@ -81,17 +82,18 @@ class ExposureTimeline:
 
     @property
     def last_start_s(self) -> float | None:
-        """Latest possible start of the last frame, by its stamp and earlier ones; None at first."""
+        """Latest possible start of the last frame by all stamps; None without frames."""
         return self._last_start_s
 
     def add(self, stamped_start_s: float) -> None:
         """Add the time stamp of the next frame, and check the accepted frames against it."""
-        earlier_s, self._last_start_s = self._last_start_s, stamped_start_s
-        if earlier_s is not None:
-            self._last_start_s = max(stamped_start_s, earlier_s + self._shortest_s)
+        if self._last_start_s is None:
+            self._last_start_s = stamped_start_s
+        else:
+            self._last_start_s = max(stamped_start_s, self._last_start_s + self._shortest_s)
         self._received += 1
         for number, acknowledged_s, name in self._accepted:
-            # Received frames are counted: the meaning of gaps in sequence numbers is unknown.
+            # By the count of received frames: a gap in sequence numbers may not be a lost frame.
             frames = self._received - number
             start_s = stamped_start_s - frames * self._shortest_s
             if frames <= _MAX_FRAMES and start_s < acknowledged_s:
@@ -108,9 +110,9 @@ class ExposureTimeline:
     def next_start_s(
         self, not_before_s: float, start_uncertainty_s: float, max_frames: int
     ) -> float | None:
-        """Latest start of the first frame exposed after `not_before_s`.
+        """Latest start of the first frame exposed after `not_before_s`; None if it is unknown.
 
-        None without frames, if it is more than `max_frames` ahead, or if `start_uncertainty_s`
+        It is unknown without frames, more than `max_frames` ahead, or if `start_uncertainty_s`
         leaves two frames possible.
         """
         if self._last_start_s is None:
@@ -125,8 +127,7 @@ class ExposureTimeline:
         return start_s + error_s
 
 
-# Time to wait for a frame beyond that by frame rate and queue. It is shorter than that of
-# `rig.fresh_frame`, because a set has several attempts.
+# As `SPARE_S` of `rig.fresh_frame`, but shorter, because a set has several attempts.
 SET_SPARE_S = 0.5
 
 
@@ -148,7 +149,8 @@ class FrameHistory:
 class FreshFrames:
     """Frames exposed under the light of one switch.
 
-    `counts` has the number of received frames by kind, `lost` the gaps in their sequence numbers.
+    `counts` has the number of received frames by kind, `lost_frames` the number of gaps in their
+    sequence numbers.
     """
 
     def __init__(self, rig: Rig, light: int | None, switch: Switch, history: FrameHistory) -> None:
@@ -194,7 +196,7 @@ class FreshFrames:
 
     def _next(self) -> Frame:
         try:
-            return next_fresh_frame(self._rig, self._not_before_s, self._receive, SET_SPARE_S)
+            return next_fresh_frame(self._rig, self._not_before_s, self._count, SET_SPARE_S)
         except NoFreshFrameError as error:
             raise SetRejected(
                 f"set rejected: no good frame under {light_name(self._rig, self._light)} "
@@ -202,7 +204,7 @@ class FreshFrames:
                 "ps4rig rig latency"
             ) from None
 
-    def _receive(self, frame: Frame, not_before_s: float) -> FrameKind:
+    def _count(self, frame: Frame, not_before_s: float) -> FrameKind:
         kind = self._kind_of(frame, not_before_s)
         self.counts[kind] += 1
         return kind

@@ -34,7 +34,7 @@ from .light_images import FrameMean, SetImage
 
 
 class _SequenceFrames:
-    """The frames `received` that were exposed after a sequence was started."""
+    """Receives the frames that are exposed after the start of a sequence."""
 
     def __init__(self, rig: Rig, since_s: float, deadline_s: float) -> None:
         self._rig = rig
@@ -76,19 +76,20 @@ class _SequenceFrames:
 
     def at(self, begun_s: float, tolerance_s: float, name: str) -> Frame:
         """The good frame whose exposure began at `begun_s`."""
-        near = [f for f in self.received if abs(f.exposure_start_s - begun_s) <= tolerance_s]
-        if len(near) != 1:
-            nearest_ms = 1e3 * min((f.exposure_start_s - begun_s for f in self.received), key=abs)
+        delays_s = [frame.exposure_start_s - begun_s for frame in self.received]
+        matches = [k for k, delay_s in enumerate(delays_s) if abs(delay_s) <= tolerance_s]
+        if len(matches) != 1:
             raise SetRejected(
-                f"set rejected: {len(near)} of {len(self.received)} frames fit the exposure under "
-                f"{name}, the nearest began {nearest_ms:+.1f} ms from it; if that stays so, run "
-                "ps4rig rig latency"
+                f"set rejected: {len(matches)} of {len(delays_s)} frames fit the exposure under "
+                f"{name}, the nearest began {1e3 * min(delays_s, key=abs):+.1f} ms from it; if "
+                "that stays so, run ps4rig rig latency"
             )
-        if near[0].flags != FrameFlag.GOOD:
+        frame = self.received[matches[0]]
+        if frame.flags != FrameFlag.GOOD:
             raise SetRejected(
                 f"set rejected: the frame under {name} is corrupt; check the camera's cable"
             )
-        return near[0]
+        return frame
 
 
 @dataclass(frozen=True)
@@ -102,8 +103,8 @@ class ArrivedPart:
 # Largest distance of a frame's time stamp from the controller's edge, on top of the configured
 # uncertainty of the stamps: an optocoupler and an interrupt delay the strobe by far less.
 _TOLERANCE_S = 1e-3
-# Limit of that distance in frame periods. The uncertainty between the clocks may be as large; the
-# sum stays below one half, so that no frame is confused with its neighbour.
+# Limit in frame periods of that distance, and of the uncertainty between the clocks. Their sum is
+# below one half, so that no frame is confused with its neighbour.
 _TOLERANCE_PERIODS = 0.2
 # Tolerance of the strobe's pulse against the exposure that the camera reports, which it rounds.
 _PULSE_TOLERANCE = 0.02
@@ -113,8 +114,10 @@ _POLL_S = 0.001
 
 
 def images_in_sequence(rig: Rig, average: int, part: ArrivedPart | None = None) -> list[SetImage]:
-    """Capture ambient and light images as means of `average` sequences."""
-    # The sequence of `part` is running already.
+    """Capture ambient and light images as means of `average` sequences.
+
+    The sequence of `part`, if it is given, runs already.
+    """
     plan = rig.config.sequence_plan
     if plan is None:
         raise ValueError("the rig is synchronised by software")
@@ -219,15 +222,15 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
             f"{len(plan.lights)}: {report.cause or 'the controller used another order'}; check the "
             "cables of strobe and trigger"
         )
-    without_strobe = plan.triggers and all(step.exposures == 0 for step in report.steps)
+    has_strobe = not plan.triggers or any(step.exposures > 0 for step in report.steps)
     min_us = 1e6 * rig.camera.info.exposure_s * (1.0 - _PULSE_TOLERANCE) - _PULSE_TOLERANCE_US
     max_us = 1e6 * plan.exposed_s * (1.0 + _PULSE_TOLERANCE) + _PULSE_TOLERANCE_US
     changes_us = [*(step.lit_us for step in report.steps[1:]), report.ended_us]
     begun_s: list[float] = []
     for step, changed_us in zip(report.steps, changes_us, strict=True):
         begun_us, ended_us = step.begun_us, step.ended_us
-        if without_strobe and step.triggered_us is not None:
-            # No strobe is connected: the exposure starts at the trigger.
+        if not has_strobe and step.triggered_us is not None:
+            # The exposure starts at the trigger.
             begun_us, ended_us = step.triggered_us, step.triggered_us + round(1e6 * plan.exposed_s)
         name = light_name(rig, step.light)
         if begun_us is None or ended_us is None:
@@ -247,7 +250,7 @@ def _exposures_s(rig: Rig, plan: SequencePlan, report: SequenceReport) -> list[f
                 "ended after it changed: the controller was late, or the line is noisy; shorten "
                 "the exposure, or check the strobe's cable"
             )
-        if begun_s and not without_strobe and step.exposures != plan.frames_per_step:
+        if begun_s and has_strobe and step.exposures != plan.frames_per_step:
             raise SetRejected(
                 f"set rejected: {step.exposures} exposures under {name} on the strobe line instead "
                 f"of {plan.frames_per_step}: the controller was late, or the line is noisy; "
@@ -296,13 +299,14 @@ def _arrived_part(
         if plan.triggers:
             rig.clock.sleep_s(_SENSOR_POLL_S)
             continue
-        # The camera runs freely. The set may have begun during the latest frames.
+        # A camera that runs free fills its queue. The set may have begun during the latest frames.
         deadline_s = rig.clock.now_s() + rig.camera.info.frame_period_s + SET_SPARE_S
         frames.begin(sequence.sent_s, deadline_s)
         try:
             frames.take()
         except SetRejected:
-            # A fault before the part came. If its set has begun, the first frame will be missing.
+            # Most likely a fault before the part came. Otherwise the first frame of its set is
+            # missing now, and the set will be rejected.
             frames.received.clear()
         del frames.received[:-set_frames]
     if not sequence.has_begun:

@@ -19,8 +19,8 @@ from classify.lights.agreement import LightAgreement, image_difference
 from classify.lights.order import light_order
 from rig import acceptance
 
-# Least correlation of the ambient image with the shading of an LED that is reported to stay on;
-# test_fault_matrix.py has LEDs stuck on at a third of their level.
+# Correlation of the ambient image with the shading of an LED above which the LED is reported to
+# stay on. test_fault_matrix.py has LEDs that stay on at a third of their level.
 _STAYS_ON_CORRELATION = 0.3
 # Least number of compared rows and columns: 128 x 128 px show a share of 2 %.
 _SHADED_PX = 128
@@ -227,14 +227,14 @@ def _weak_leds(
     shares_while_off = share_while_off(images.images, images.ambient)
     causes = tuple(
         f"{images.names[light]} gives {level:.0%} of the others' light"
-        + ", and some of it with all LEDs off: it stays on" * bool(shares_while_off[light] > 0.0)
+        + (", and some of it with all LEDs off: it stays on" if shares_while_off[light] > 0 else "")
         for light, level in unequal_levels.items()
     )
     is_known = agreement.level_error <= acceptance.MAX_LED_LEVEL_ERROR
-    in_range = least_level is not None and all(
+    is_in_range = least_level is not None and all(
         least_level <= level <= 1.0 / least_level for level in unequal_levels.values()
     )
-    if in_range and is_known:
+    if is_in_range and is_known:
         return causes
     raise SetRejected(
         "set rejected: "
@@ -248,7 +248,7 @@ def _weak_leds(
 def share_while_off(images: npt.NDArray[np.uint16], ambient: npt.NDArray[np.uint16]) -> Floats:
     """Return the share of each LED's light in the ambient image, estimated from the shading.
 
-    Other light from the side of an LED has the same shading.
+    Other light from the side of the LED is not told apart, because its shading is the same.
     """
     step = max(1, min(ambient.shape) // _SHADED_PX)
     dark = ambient[::step, ::step].astype(np.float64)

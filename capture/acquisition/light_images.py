@@ -30,8 +30,8 @@ class FrameMean:
     def __init__(self, info: CameraInfo, count: int) -> None:
         self._full_scale = (1 << info.bit_depth) - 1
         self._count = count
-        shape = (info.height_px, info.width_px)
         if count > 1:
+            shape = (info.height_px, info.width_px)
             self._total = np.zeros(shape, np.uint32)
             self._saturated = np.zeros(shape, np.bool_)
         self.records: tuple[FrameRecord, ...] = ()
@@ -141,13 +141,13 @@ class _LightSlot:
         self._fresh = FreshFrames(self._rig, self._light, switch, self._history)
         self._mean = FrameMean(self._rig.camera.info, self._average)
 
-    def _take(self, frames: int) -> None:
-        for _ in range(frames):
+    def _take(self, count: int) -> None:
+        for _ in range(count):
             self._mean.add(self._fresh.take())
             self._confirm()
 
     def _confirm(self) -> None:
-        """Check after an exposure that the light is still on: a watchdog or restart ends it."""
+        """Check after an exposure that no watchdog or restart has put the light out."""
         state = self._rig.lights.confirm(self._light)
         if self._light is not None:
             self._level_percent = state.levels_percent[self._light]

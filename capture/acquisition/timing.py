@@ -13,7 +13,7 @@ from rig.lights.driver import measure_switch_latency
 
 from .attempts import capture_set
 
-# Frame rates in Hz, each with an exposure in ms after which the LEDs can settle within the period.
+# Frame rates in Hz with exposures in ms. The rest of each period suffices for an LED to settle.
 _SIMULATED_MODES = ((30.0, 20.0), (60.0, 8.0))
 
 
@@ -80,12 +80,12 @@ def measure_set_timing(config: RigConfig, sets: int) -> _SetTiming:
                 ms for captured in accepted for ms in _switch_latencies_ms(captured)
             )
         info = rig.camera.info
-        simulated_virtual = config.is_simulated and config.simulation.clock == "virtual"
+        clock = config.simulation.clock if config.is_simulated else "real"
         return _SetTiming(
             synchronisation=synchronisation,
             frame_rate_hz=1.0 / info.frame_period_s,
             exposure_ms=1e3 * info.exposure_s,
-            clock="virtual" if simulated_virtual else "real",
+            clock=clock,
             accepted=len(accepted),
             rejected=rejected,
             switch_ms=switch_ms,
