@@ -14,7 +14,7 @@ from classify.base.errors import InputError, Ps4rigError
 
 from .base.console import command_group, complain
 from .base.interrupts import INTERRUPTED_STATUS
-from .base.process_settings import settle_process
+from .base.process_settings import configure_process
 from .commands import (
     calibrate_camera,
     calibrate_lights,
@@ -136,7 +136,7 @@ def run() -> int:
         _check_arguments(sys.argv[1:])
         if sys.stderr.isatty():
             _show_compilation()
-        settle_process()
+        configure_process()
         status = app(standalone_mode=False)
         return status if isinstance(status, int) else 0
     except Ps4rigError as error:

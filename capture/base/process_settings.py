@@ -19,7 +19,7 @@ _MMAP_BYTES = 32 * 2**20  # the largest value that glibc accepts
 _SWITCH_S = 0.5e-3
 
 
-def settle_process() -> None:
+def configure_process() -> None:
     """Set up memory and threads of the process; call it before numpy is imported."""
     # Variables of the environment take precedence.
     # numba reads the variable as well, but prints a traceback if it is wrong or blank.
@@ -49,7 +49,7 @@ def settle_process() -> None:
             mallopt(option, size)
 
 
-def settle_station() -> None:
+def configure_station_process() -> None:
     """Set up the process of a station; call it when all modules are loaded."""
     import cv2
 

@@ -76,7 +76,7 @@ def run(
     """
     import os
 
-    from capture.base.process_settings import settle_station
+    from capture.base.process_settings import configure_station_process
     from capture.station.domain.folder import station_folder
     from capture.station.domain.verdict import Decision
     from capture.station.run.control_chart import ControlChart
@@ -106,7 +106,7 @@ def run(
         with running_interfaces(
             opened, live, trigger, subscribers, panel=panel, host=host, port=port
         ):
-            settle_station()
+            configure_station_process()
             source = trigger_source(trigger, config.timer_s)
             run_options = RunOptions(operator, parts, notifier.report_alive, collect)
             stopped = run_station(opened, rig_config, source, live, run_options)

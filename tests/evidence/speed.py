@@ -14,7 +14,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from capture.base.console import print_json
-from capture.base.process_settings import settle_process
+from capture.base.process_settings import configure_process
 from classify import TextureLibrary
 from rig import SYNTHETIC_30
 from tests.evidence.benchmark.measurements import Section, as_json, print_section
@@ -38,7 +38,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     )
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args(arguments)
-    settle_process()
+    configure_process()
     before = {}
     if options.before is not None:
         before = _figures_of(options.before.absolute(), options.rounds, options.sets)

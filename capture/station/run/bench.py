@@ -12,7 +12,7 @@ import numpy as np
 
 from capture.acquisition.attempts import capture_set
 from capture.acquisition.light_checks import check_set
-from capture.base.process_settings import resident_bytes, settle_station
+from capture.base.process_settings import configure_station_process, resident_bytes
 from capture.sets.captured_set import PLANAR, CapturedSet
 from capture.sets.image_checks import LightImages
 from capture.sets.ome_tiff import PixelHash
@@ -196,7 +196,7 @@ def run_bench(
             written.pop(0).unlink()
 
     show_step("judging parts")
-    settle_station()
+    configure_station_process()
     live = live or LiveStation(config.name, simulated=True)
     with (
         open_store(config.results_in(folder), config.name, create=True) as store,

@@ -33,7 +33,7 @@ for _ in range(10):
 faults = resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before
 print(json.dumps([faults, [os.environ.get(name) for name in {variables}]]))
 """
-SETTLE = "from capture.base.process_settings import settle_process; settle_process()"
+SETTLE = "from capture.base.process_settings import configure_process; configure_process()"
 
 
 @pytest.fixture

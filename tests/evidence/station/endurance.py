@@ -27,7 +27,7 @@ from unittest.mock import patch
 os.environ |= {"NUMBA_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
 
 from capture.base.names import SET_SUFFIX
-from capture.base.process_settings import settle_process, settle_station
+from capture.base.process_settings import configure_process, configure_station_process
 from capture.base.utc_time import utc_text
 from capture.station.domain.config import SimulatedParts
 from capture.station.domain.folder import StationFolder
@@ -150,14 +150,14 @@ def faults_of(readings: list[Reading]) -> list[str]:
 
 def main(parts: int) -> int:
     """Print the figures; return the exit status."""
-    settle_process()  # as `ps4rig station run` does, so that the allocator works as there
+    configure_process()  # as `ps4rig station run` does, so that the allocator works as there
     # A tenth of the parts does not pass, and the sample is one in twenty of the others.
     with tempfile.TemporaryDirectory(
         prefix="ps4rig-endurance-", dir=in_memory(parts // 4)
     ) as place:
         folder, announced = Path(place) / "line-1", Path(place) / "announced"
         taught_station(folder)
-        settle_station()
+        configure_station_process()
         print(" parts   memory in MB   open files   ms of CPU a part")
         wrong = faults_of(produce(folder, parts, announced))
         with announced.open(encoding="utf-8") as lines:

@@ -12,12 +12,12 @@ import time
 from dataclasses import asdict
 from pathlib import Path
 
-from capture.base.process_settings import settle_process
+from capture.base.process_settings import configure_process
 
 
 def main(folder: Path, parts: int, frame_px: int, classes: int) -> None:
     """Run the bench; see the module."""
-    settle_process()  # before numpy is imported
+    configure_process()  # before numpy is imported
 
     from capture.station.domain.config import CONFIG
     from capture.station.domain.folder import StationFolder, make_station
