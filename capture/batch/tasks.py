@@ -18,7 +18,7 @@ from capture.calibration.lookup import FoundCalibration
 from capture.maps.files import write_maps
 from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
-from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet, calibration_of, named
+from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet, calibration_of, naming_file
 from capture.sets.metadata import SetMetadata
 from classify import Calibration, Lighting, Match, Method, TextureLibrary
 from classify.base.errors import InputError
@@ -51,7 +51,7 @@ def read_header(
     """Read the header of a labelled set, to be solved by `method`, without its pixels."""
     metadata, shape = ome_tiff.read_header(path)
     found_calibration = calibration_of(path, metadata, shape, calibration)
-    with named(path):
+    with naming_file(path):
         label = _usable_label(metadata.label)
         method = _solver(metadata, method)
         segment_px = segment_for(_texture_shape(path, metadata, shape, found_calibration))
@@ -90,7 +90,7 @@ def observe_set(
 ) -> Observation:
     """Solve a set as a planar part and compute its observation for training."""
     loaded = LoadedSet.of(path, calibration)
-    with named(path):
+    with naming_file(path):
         surface = loaded.solve_texture(method, planar=PLANAR)
         return observe(surface.inscribed, segment_px, classifier)
 
@@ -124,7 +124,7 @@ def classify_set(
     loaded = LoadedSet.of(path, calibration)
     captured, metadata = loaded.captured, loaded.captured.metadata
     trained = _read_library(library)
-    with named(path):
+    with naming_file(path):
         if label_required:
             _usable_label(metadata.label)
         if method is None and trained.method and suits(trained.method, len(captured.images)):
@@ -193,7 +193,7 @@ def solve_set(
     """Solve a set and write its maps; see `LoadedSet.of` and `CapturedSet.solve`."""
     loaded = LoadedSet.of(task.path, calibration, raw=raw)
     captured, applied, source = loaded.captured, loaded.calibration, loaded.found_calibration
-    with named(task.path):
+    with naming_file(task.path):
         surface = captured.solve(
             method, planar=planar, calibration=applied, raw=raw, uncertainty=True,
             on_progress=on_progress,

@@ -62,7 +62,7 @@ class _RecordedPart:
         return self.record.figures.get(name, 0.0)
 
 
-def kept_because(file: CalibrationFile, new: MeasuredPart) -> str | None:
+def reason_to_keep(file: CalibrationFile, new: MeasuredPart) -> str | None:
     """Say why the part of a calibration is better than a new one; None if it is not."""
     present, measured = _present_part(file, new), _RecordedPart(new.part, new.record)
     if present is None:

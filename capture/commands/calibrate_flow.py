@@ -204,14 +204,14 @@ def keep_parts(
 
     Without `replace` a part that is better than the new one stays.
     """
-    from capture.calibration.replacement import kept_because, with_other_exposures
+    from capture.calibration.replacement import reason_to_keep, with_other_exposures
 
     is_new = not path.exists()
     if calibration_at(path).hash != file.hash:
         raise InputError(
             f"{path}: another program has changed it since this command began; run it again"
         )
-    reasons = {part.name: None if replace else kept_because(file, part) for part in parts}
+    reasons = {part.name: None if replace else reason_to_keep(file, part) for part in parts}
     staying = file.records.keys() - {part.name for part in parts} - set(dropped)
     merged = file
     for name in dropped:

@@ -98,14 +98,14 @@ def _as_json(path: Path, captured: CapturedSet) -> dict[str, Any]:
 
 
 def _lines(captured: CapturedSet) -> Iterator[tuple[str, str]]:
-    from capture.sets.description import plain
+    from capture.sets.description import exact_value
 
     metadata = captured.metadata
     rows, columns = captured.images.shape[1:]
     for name in ("label", "specimen", "operator", "note"):
         yield name, getattr(metadata, name) or _NOT_KNOWN
     for name, value in metadata.properties.items():
-        yield "property", f"{name} = {plain(value)}"
+        yield "property", f"{name} = {exact_value(value)}"
     yield "orientation", _number(metadata.orientation_deg, "degrees")
     yield from metadata.facts
     yield (
@@ -136,7 +136,8 @@ def _lines(captured: CapturedSet) -> Iterator[tuple[str, str]]:
         yield "accepted", cause
     for entry in metadata.corrections:
         before, after = (
-            _NOT_KNOWN if value is None else plain(value) for value in (entry.before, entry.after)
+            _NOT_KNOWN if value is None else exact_value(value)
+            for value in (entry.before, entry.after)
         )
         yield "corrected", f"{entry.corrected_utc} {entry.field}: {before} -> {after}"
     yield "software", f"ps4rig {metadata.software_version}, schema {metadata.schema_version}"

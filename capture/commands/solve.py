@@ -242,7 +242,7 @@ def export(
     from capture.base.outputs import check_output
     from capture.batch.tasks import SolveTask, solve_set
     from capture.maps.set_files import write_light_folder
-    from capture.sets.captured_set import CapturedSet, LoadedSet, named
+    from capture.sets.captured_set import CapturedSet, LoadedSet, naming_file
 
     suffix = output.suffix.lower()
     form = FORMATS.get(suffix)
@@ -263,7 +263,7 @@ def export(
     elif form is not None:
         check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
         loaded = LoadedSet.of(captured_set, calibration, raw=raw or not form.solved)
-        with named(captured_set):
+        with naming_file(captured_set):
             unit = form.write(loaded, output)
         answer |= {} if unit is None else {"unit": unit}
     else:

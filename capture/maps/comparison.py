@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.base.names import SET_SUFFIX
-from capture.sets.captured_set import CapturedSet, LoadedSet, named
+from capture.sets.captured_set import CapturedSet, LoadedSet, naming_file
 from classify import SurfaceEstimate
 from classify.base.arrays import BoolArray, FloatMap, Floats
 from classify.base.errors import InputError
@@ -49,7 +49,7 @@ def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -
     if not path.name.endswith(SET_SUFFIX):
         raise InputError(f"{path}: give a captured set ({SET_SUFFIX}) or a folder of maps")
     loaded = LoadedSet.of(path, calibration, raw=raw)
-    with named(path):
+    with naming_file(path):
         return _side_of_set(path, loaded)
 
 

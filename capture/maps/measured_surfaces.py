@@ -58,7 +58,7 @@ class HeightMap:
             )
         scale = None if source is None else source.file.records.get("scale")
         try:
-            captured_at = datetime.fromisoformat(metadata.captured or metadata.created_utc)
+            captured_at = datetime.fromisoformat(metadata.capture_date or metadata.created_utc)
         except ValueError:
             raise InputError(
                 f"metadata field created_utc: {metadata.created_utc!r} is not a date; capture the "

@@ -17,7 +17,7 @@ from capture.base.utc_time import utc_text
 from capture.calibration.lookup import FOLDER as CALIBRATION
 from capture.sets.archive import JOURNAL, REPLACED
 from capture.sets.captured_set import CapturedSet
-from capture.sets.description import as_captured, plain
+from capture.sets.description import as_captured, exact_value
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import read_header
 from classify.base.durable_file import TEMPORARY_PREFIX, durable_file, make_folder
@@ -55,7 +55,7 @@ def _sets_table(
             state = "left out"
         elif key in present:
             state = "captured" if error is None else "damaged"
-        row = _row(entry) | {"planned": plain(key in planned), "state": state, "error": error}
+        row = _row(entry) | {"planned": exact_value(key in planned), "state": state, "error": error}
         if entry.description is None:
             row["label"] = labels.get(entry.specimen)
         rows.append(row)
@@ -74,7 +74,7 @@ def _sets_table(
 def _row(entry: SetEntry) -> dict[str, _Cell]:
     row: dict[str, _Cell] = {
         "specimen": entry.entered_specimen,
-        "orientation_deg": plain(entry.entered_deg),
+        "orientation_deg": exact_value(entry.entered_deg),
         "repeat": entry.repeat,
         "file": entry.file,
         "captured_utc": entry.captured_utc,
@@ -85,13 +85,13 @@ def _row(entry: SetEntry) -> dict[str, _Cell]:
     if description is not None:
         row |= {
             "label": description.label,
-            "exposure_ms": plain(description.exposure_ms),
+            "exposure_ms": exact_value(description.exposure_ms),
             "operator": description.operator,
             "note": description.note,
             "calibration": " ".join(description.calibration_ids),
             "corrected": " ".join(description.corrected),
         }
-        row |= {_column(name): plain(value) for name, value in description.properties.items()}
+        row |= {_column(name): exact_value(value) for name, value in description.properties.items()}
     if measures is not None:
         row |= {
             "estimated_deg": _rounded(measures.estimated_deg, 2),

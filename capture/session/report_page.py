@@ -16,7 +16,7 @@ from capture.base.page import rendered
 from capture.base.utc_time import readable_utc
 from capture.maps import pictures
 from capture.maps.pictures import tile_uri
-from capture.sets.description import plain
+from capture.sets.description import exact_value
 from classify import Spectra
 from classify.lighting import orientation_near
 
@@ -221,7 +221,7 @@ def _specimen(name: str, result: SpecimenResult, analysis: SessionAnalysis) -> d
     for entry in entries:
         if entry.description is not None:
             for key, value in entry.description.properties.items():
-                values.setdefault(key, {})[str(plain(value))] = None
+                values.setdefault(key, {})[str(exact_value(value))] = None
     properties = [f"{key} = {' or '.join(texts)}" for key, texts in values.items()]
     note = [captured.metadata.note] if captured.metadata.note else []
     return {

@@ -311,7 +311,7 @@ class LoadedSet:
 
 
 @contextmanager
-def named(path: Path) -> Iterator[None]:
+def naming_file(path: Path) -> Iterator[None]:
     """Put the name of the file in front of the message of an `InputError`."""
     try:
         yield

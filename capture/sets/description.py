@@ -90,7 +90,7 @@ def as_captured(metadata: SetMetadata, field: str) -> Property | None:
     return _value_of(metadata, field) if first is None else first.before
 
 
-def plain(value: Property | None) -> str | int | None:
+def exact_value(value: Property | None) -> str | int | None:
     """Return a value exactly: whole numbers without a fraction, truth values in small letters."""
     if isinstance(value, bool):
         return str(value).lower()

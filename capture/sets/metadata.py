@@ -204,7 +204,7 @@ class SetMetadata(Record):
     pixels_sha256: str = Field(description="over all pages in order, as 16-bit little-endian rows")
 
     @property
-    def captured(self) -> str | None:
+    def capture_date(self) -> str | None:
         """Date of the capture; None for imported photographs that do not state theirs."""
         is_imported = any(image.source_file is not None for image in self.images)
         return self.photographed if is_imported else self.created_utc
@@ -212,9 +212,9 @@ class SetMetadata(Record):
     @property
     def facts(self) -> Iterator[tuple[str, str]]:
         """Yield the dates, and the response of imported photographs, with their names."""
-        if self.captured is not None:
-            yield "captured", self.captured + " (simulated)" * self.simulated
-        if self.captured != self.created_utc:
+        if self.capture_date is not None:
+            yield "captured", self.capture_date + " (simulated)" * self.simulated
+        if self.capture_date != self.created_utc:
             yield "imported", self.created_utc
         if self.gamma_source is not None:
             yield "response", f"{self.gamma} ({self.gamma_source})"

@@ -204,7 +204,7 @@ def _ome_xml(
     ome = ET.Element("OME", {"xmlns": _OME, "Creator": f"ps4rig {metadata.software_version}"})
     image = ET.SubElement(ome, "Image", ID="Image:0", Name=metadata.label or "captured set")
     with suppress(ValueError):  # a set may have no date, or one that is not in ISO 8601
-        captured = datetime.fromisoformat(metadata.captured or "")
+        captured = datetime.fromisoformat(metadata.capture_date or "")
         if captured.tzinfo is not None:
             captured = captured.astimezone(UTC).replace(tzinfo=None)
         # To the second: the labels that Bio-Formats makes of slices fail on fractions.

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, PartRecord
-from capture.calibration.replacement import kept_because
+from capture.calibration.replacement import reason_to_keep
 from capture.calibration.setting import PART_NAMES, PartName, Setting
 from capture.commands.calibrate_flow import calibration_at, keep_parts
 from classify import Lighting
@@ -152,7 +152,7 @@ def test_a_worse_part_leaves_the_known_one(
 
 @pytest.mark.parametrize("name", PART_NAMES)
 def test_a_part_as_good_replaces_the_known_one(name: PartName) -> None:
-    assert kept_because(file_with(MAKERS[name]()), MAKERS[name]()) is None
+    assert reason_to_keep(file_with(MAKERS[name]()), MAKERS[name]()) is None
 
 
 @pytest.mark.parametrize(
@@ -166,12 +166,12 @@ def test_a_part_as_good_replaces_the_known_one(name: PartName) -> None:
     ],
 )
 def test_a_better_part_replaces_the_known_one(known: MeasuredPart, new: MeasuredPart) -> None:
-    assert kept_because(file_with(known), new) is None
+    assert reason_to_keep(file_with(known), new) is None
 
 
 def test_a_known_focal_length_is_kept() -> None:
     known = file_with(scale(focal=0.005))
-    assert "focal length" in str(kept_because(known, scale(error=0.0001)))
+    assert "focal length" in str(reason_to_keep(known, scale(error=0.0001)))
 
 
 @pytest.mark.parametrize("name", PART_NAMES)
@@ -182,23 +182,23 @@ def test_a_part_of_another_setting_is_replaced(name: PartName) -> None:
     }[name]  # fmt: skip
     setting = SETTING.model_copy(update=CHANGES[name])
     record = other.record.model_copy(update={"setting": setting})
-    assert kept_because(file_with(MAKERS[name]()), replace(other, record=record)) is None
+    assert reason_to_keep(file_with(MAKERS[name]()), replace(other, record=record)) is None
 
 
 def test_an_old_part_is_replaced_by_a_worse_one_but_not_contradicted() -> None:
     known = scale()
     record = known.record.model_copy(update={"date": "2020-01-01"})
     file = file_with(replace(known, record=record))
-    assert kept_because(file, scale(0.1222, 0.005)) is None
+    assert reason_to_keep(file, scale(0.1222, 0.005)) is None
     with pytest.raises(CalibrationRejected, match="measured 2020-01-01"):
-        kept_because(file, scale(1.22))
+        reason_to_keep(file, scale(1.22))
 
 
 def test_a_flat_field_from_before_a_curved_response_is_replaced() -> None:
     known = flat_field()
     record = known.record.model_copy(update={"date": "2026-01-01"})
     file = file_with(replace(known, record=record), response())
-    assert kept_because(file, flat_field(0.4)) is None
+    assert reason_to_keep(file, flat_field(0.4)) is None
 
 
 def test_another_dark_exposure_is_compared_with_none(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import pytest
 
 from capture import CapturedSet, capture_set
 from capture.calibration.ps4cal import CalibrationFile
-from capture.calibration.replacement import kept_because
+from capture.calibration.replacement import reason_to_keep
 from capture.procedures.plate_parts import plate_parts
 from capture.procedures.target_parts import images_of_sets, sphere_parts
 from classify.calibration.sphere_outline import find_outline
@@ -72,7 +72,7 @@ def test_a_sphere_that_gives_directions_does_not_replace_positions(
         pictures = images_of_sets([ball], file)
         (lights,) = sphere_parts(pictures, "mirror", file, ball.setting, ("captured",))
         assert lights.part.lighting.positions_px is None
-        assert kept_because(file, lights) == reason
+        assert reason_to_keep(file, lights) == reason
 
 
 def test_the_shared_part_of_a_flat_field_is_the_geometric_mean_over_lights() -> None:

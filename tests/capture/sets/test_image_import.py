@@ -251,7 +251,7 @@ def test_the_date_of_the_photographs_is_that_of_the_set(
     paths[1].write_bytes(with_chunks(paths[1].read_bytes(), chunk(b"eXIf", data)))
     captured = stored(paths)
     metadata = captured.metadata
-    assert (metadata.photographed, metadata.captured) == (photographed, photographed)
+    assert (metadata.photographed, metadata.capture_date) == (photographed, photographed)
     facts = dict(metadata.facts)
     assert (facts.get("captured"), facts["imported"]) == (photographed, metadata.created_utc)
     captured.save(tmp_path / "a.ome.tif")
