@@ -10,7 +10,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Letters have 10 px or more where a telephone shows a figure of this width on 358 px.
+# On a telephone, which shows a figure of this width on 358 px, these letters have 10 px.
 CHART_WIDTH_IN, LETTERS_PT = 4.4, 9
 GRID = "#dddddd"
 _COLOURS = ("#2166ac", "#b2182b", "#1b7837", "#762a83", "#e08214", "#01665e", "#555555", "#c51b7d")
@@ -50,7 +50,7 @@ def png_of(figure: Figure, dpi: float) -> bytes:
 
 
 def svg_uri(figure: Figure) -> str:
-    """Return the address of a figure as an SVG image, whose names cannot collide with others."""
+    """Return a figure as an SVG image in an address, where its ids collide with no others."""
     text = io.BytesIO()
     # A date would make two equal pages differ.
     figure.savefig(text, format="svg", metadata={"Date": None})

@@ -129,16 +129,15 @@ def print_table(table: Table) -> None:
     if table.title:
         out.print(table.title)
         table.title = None
-    longest_word = {}
+    min_widths = []
     for column in table.columns:
         text = "\n".join(map(str, (column.header, *column.cells)))
         column.width = max(map(cell_len, text.split("\n")))
-        longest_word[column.header] = max(map(cell_len, text.split()), default=0)
+        min_widths.append(max(_MIN_PROSE_WIDTH, *map(cell_len, text.split())))
     excess = max(width() - _LINE_WIDTH, 0)
-    for column in table.columns:
+    for column, min_width in zip(table.columns, min_widths, strict=True):
         if column.width is not None and not column.no_wrap:
-            least = max(longest_word[column.header], _MIN_PROSE_WIDTH)
-            column.width = min(column.width, max(column.width - excess, least))
+            column.width = min(column.width, max(column.width - excess, min_width))
     console = Console(width=width(), highlight=False, markup=False, emoji=False)
     console.print(table, crop=False)
 

@@ -62,7 +62,7 @@ def interruptible() -> Iterator[None]:
 
 def _handle(number: int, frame: FrameType | None) -> None:
     global _cleanup_ends_s
-    now_s, running = time.monotonic(), [*_running(frame)]
+    now_s, running = time.monotonic(), [*_running_code(frame)]
     if now_s < _cleanup_ends_s:
         return
     # Some modules catch every exception while they are imported.
@@ -81,7 +81,7 @@ def _handle(number: int, frame: FrameType | None) -> None:
     raise KeyboardInterrupt
 
 
-def _running(frame: FrameType | None) -> Iterator[CodeType]:
+def _running_code(frame: FrameType | None) -> Iterator[CodeType]:
     """Code of the functions that run, from the innermost."""
     while frame is not None:
         yield frame.f_code

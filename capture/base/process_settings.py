@@ -14,21 +14,23 @@ _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD, _M_ARENA_MAX = -1, -3, -8
 # Freed memory that the process keeps: the maps of a frame of several megapixels.
 _TRIM_BYTES = 256 * 2**20
 _MMAP_BYTES = 32 * 2**20  # the largest value that glibc accepts
-# Longest time that a thread returning from a kernel waits while another one computes in Python; by
-# default 5 ms. capture/DECISIONS.md has the gain.
+# Time for which a thread that returns from a kernel waits for another one that computes in Python;
+# by default 5 ms. capture/DECISIONS.md has the gain.
 _SWITCH_S = 0.5e-3
 
 
 def configure_process() -> None:
-    """Set up memory and threads of the process; call it before numpy is imported."""
-    # Variables of the environment take precedence.
-    # numba reads the variable as well, but prints a traceback if it is wrong or blank.
+    """Set up memory and threads of the process; call it before numpy is imported.
+
+    Variables of the environment take precedence.
+    """
+    # Checked here, because numba prints a traceback if NUMBA_NUM_THREADS is wrong or blank.
     if os.environ.get("NUMBA_NUM_THREADS", "").strip():
         thread_count()
     else:
         os.environ.pop("NUMBA_NUM_THREADS", None)
-    # Threads of BLAS wait for one another in busy loops: beside other threads a product of a few
-    # vectors takes ten times as long as in one.
+    # One thread for BLAS: several wait for one another in busy loops, and beside other threads need
+    # ten times as long for a product of a few vectors.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     sys.setswitchinterval(_SWITCH_S)
     # By default glibc returns the memory of each frame to the system, and new pages cost more time
