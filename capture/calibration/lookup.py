@@ -15,8 +15,7 @@ from .setting import Setting
 FOLDER = "calibration"
 # The interval at which instruments are usually calibrated again (ILAC-G24, OIML D 10).
 OLD_DAYS = 365
-# Digits of a hash in messages and file names.
-_DIGITS = 8
+_HASH_DIGITS = 8  # in messages and file names
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,13 +42,14 @@ def find_calibration(
 ) -> FoundCalibration | None:
     """Find the calibration of a set: `chosen`, or one of the `hashes` beside the file at `path`."""
     if chosen is not None:
-        found_path, file = chosen, read_calibration(chosen)
+        file_path, file = chosen, read_calibration(chosen)
     elif hashes:
-        found_path, file = _named(path, hashes, remedy)
+        file_path, file = _with_hash(path, hashes, remedy)
     else:
         return None
     check_setting(file, setting, str(path))
-    return FoundCalibration(found_path, file, (*file.warnings(), *_age(file, created_utc)))
+    warnings = (*file.warnings(), *_age_warnings(file, created_utc))
+    return FoundCalibration(file_path, file, warnings)
 
 
 def check_setting(file: CalibrationFile, setting: Setting, owner: str) -> None:
@@ -78,10 +78,11 @@ def read_calibration(path: Path) -> CalibrationFile:
 
 def keep_beside(file: CalibrationFile, set_path: Path) -> None:
     """Put a calibration, if missing, where the set at `set_path` finds it by its hash."""
-    above = set_path.absolute().parent.parent / FOLDER
-    folder = above if above.is_dir() else set_path.absolute().parent / FOLDER
+    set_folder = set_path.absolute().parent
+    shared_folder = set_folder.parent / FOLDER
+    folder = shared_folder if shared_folder.is_dir() else set_folder / FOLDER
     stem = FOLDER if file.path is None else file.path.stem
-    copy = folder / f"{stem}-{file.hash[:_DIGITS]}{SUFFIX}"
+    copy = folder / f"{stem}-{file.hash[:_HASH_DIGITS]}{SUFFIX}"
     if _hash_at(copy) != file.hash:
         make_folder(folder)
         file.write(copy)
@@ -100,8 +101,8 @@ def _hash_at(path: Path) -> str | None:
         return None
 
 
-def _named(path: Path, hashes: tuple[str, ...], remedy: str) -> tuple[Path, CalibrationFile]:
-    """The calibration with one of these hashes."""
+def _with_hash(path: Path, hashes: tuple[str, ...], remedy: str) -> tuple[Path, CalibrationFile]:
+    """Find the calibration with one of these hashes for the set at `path`."""
     rejected: list[str] = []
     for candidate in _candidates(path):
         try:
@@ -111,11 +112,11 @@ def _named(path: Path, hashes: tuple[str, ...], remedy: str) -> tuple[Path, Cali
             continue
         if file.hash in hashes:
             return candidate, file
-        rejected.append(f"{candidate} is {file.hash[:_DIGITS]}")
+        rejected.append(f"{candidate} is {file.hash[:_HASH_DIGITS]}")
     candidates = f" ({'; '.join(rejected)})" if rejected else ""
     raise CalibrationError(
-        f"{path}: was captured with the calibration {hashes[0][:_DIGITS]}, which is neither beside "
-        f"it nor in a folder {FOLDER}{candidates}; copy it there, or {remedy}"
+        f"{path}: was captured with the calibration {hashes[0][:_HASH_DIGITS]}, which is "
+        f"neither beside it nor in a folder {FOLDER}{candidates}; copy it there, or {remedy}"
     )
 
 
@@ -127,7 +128,7 @@ def _candidates(path: Path) -> Iterator[Path]:
         )
 
 
-def _age(file: CalibrationFile, created_utc: str) -> Iterator[str]:
+def _age_warnings(file: CalibrationFile, created_utc: str) -> Iterator[str]:
     try:
         captured = utc_of(created_utc)
     except ValueError:  # not a date

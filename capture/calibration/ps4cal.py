@@ -175,12 +175,12 @@ class CalibrationFile:
         differences = measured.model_copy(update={"exposure_ms": None}).differences(setting, name)
         if dark.holds_at(setting.exposure_ms):
             return differences
-        time = "unknown" if setting.exposure_ms is None else f"{setting.exposure_ms:g} ms"
-        return [*differences, f"exposure {time}, dark frames {measured_at(dark)}"]
+        exposure = "unknown" if setting.exposure_ms is None else f"{setting.exposure_ms:g} ms"
+        return [*differences, f"exposure {exposure}, dark frames {measured_at(dark)}"]
 
     @property
     def outdated_parts(self) -> list[PartName]:
-        """Parts that were measured before a curved response, which changes their light images."""
+        """Parts that were measured before a curved response, and so without its correction."""
         response, records = self.calibration.response, self.records
         if response is None or response.linear:
             return []
@@ -283,9 +283,9 @@ def flattened(part: Any) -> tuple[_Values, dict[str, Array]]:
     def flatten(owner: Any, path: str) -> None:
         for entry in fields(owner):
             value, name = getattr(owner, entry.name), path + entry.name
-            # Default intensities are all 1, and are not stored.
             is_intensities = isinstance(owner, Lighting) and entry.name == "intensities"
-            if not entry.init or (is_intensities and not owner.intensities_given):
+            is_default = is_intensities and not owner.intensities_given
+            if is_default or not entry.init:
                 continue
             if isinstance(value, np.ndarray):
                 arrays[name] = value
@@ -355,13 +355,10 @@ def _checked_array(array: Array, hint: Any, path: str) -> Array:
 
 
 def _checked_value(value: Any, hint: Any, path: str) -> Any:
-    is_array_or_part = any(
-        is_dataclass(alternative) or _is_array(alternative)
-        for alternative in (hint, *get_args(hint))
-    )
     if value is None and type(None) in get_args(hint):
         return None
-    if is_array_or_part:
+    alternatives = (hint, *get_args(hint))
+    if any(is_dataclass(alternative) or _is_array(alternative) for alternative in alternatives):
         raise InputError(f"field {path} has the wrong type")
     adapter: TypeAdapter[Any] = TypeAdapter(hint, config={"allow_inf_nan": False})
     try:

@@ -23,13 +23,13 @@ _STANDARD_ERRORS = 3.0
 # Ratio of the errors of two parts up to which they count as equal. An error that is estimated from
 # ten residuals is itself known to 20 %.
 _MAX_ERROR_RATIO = 1.25
-# Smallest differences that count. Standard errors lack the errors of a target and of its place,
-# such as a board 10 mm too high at 1 m, and those of warm lights.
+# Smallest differences that count. They cover what standard errors do not: errors of a target and of
+# its place, such as a board 10 mm too high at 1 m, and lights that have warmed up.
 _FLOOR_SCALE, _FLOOR_FOCAL, _FLOOR_DISTANCE = 0.01, 0.02, 0.03
 _FLOOR_DIRECTION_DEG = 1.0
 _FLOOR_FLAT_FIELD, _FLOOR_RESPONSE = 0.05, 0.02
 _FLOOR_GAIN, _FLOOR_NOISE, _FLOOR_OFFSET = 0.05, 0.25, 0.005
-_POSITIONS = "positions"  # without them, near lights have wrong directions at the frame's edge
+_POSITIONS = "positions"  # of near lights, whose directions change over the frame
 # Points along each side of the frame at which flat fields are compared.
 _COMPARED_POINTS = 9
 
@@ -63,7 +63,10 @@ class _RecordedPart:
 
 
 def reason_to_keep(file: CalibrationFile, new: MeasuredPart) -> str | None:
-    """Say why the part of a calibration is better than a new one; None if it is not."""
+    """Say why the part of a calibration is better than a new one; None if it is not.
+
+    A new part that contradicts the present one raises `CalibrationRejected`.
+    """
     present, measured = _present_part(file, new), _RecordedPart(new.part, new.record)
     if present is None:
         return None
@@ -76,13 +79,11 @@ def reason_to_keep(file: CalibrationFile, new: MeasuredPart) -> str | None:
             )
     if (present.record.age_days(datetime.now(UTC)) or 0) > OLD_DAYS:
         return None
-    old_advantage = _advantage(new.name, present, measured)
-    new_advantage = _advantage(new.name, measured, present)
-    if old_advantage is not None:
-        return f"it has {old_advantage}, which the new one lacks"
+    if (extra := _advantage(new.name, present, measured)) is not None:
+        return f"it has {extra}, which the new one lacks"
     present_error, new_error = (_ERRORS[new.name](part) for part in (present, measured))
     limit = max(_MAX_ERROR_RATIO * present_error, _NEGLIGIBLE_ERRORS[new.name])
-    if new_error <= limit or new_advantage == _POSITIONS:
+    if new_error <= limit or _advantage(new.name, measured, present) == _POSITIONS:
         return None
     return f"its error is {present_error:.2g}, that of the new one {new_error:.2g}"
 
@@ -90,7 +91,7 @@ def reason_to_keep(file: CalibrationFile, new: MeasuredPart) -> str | None:
 def with_other_exposures(new: MeasuredPart, file: CalibrationFile) -> MeasuredPart:
     """Return a dark part with the exposures that a calibration has at its camera setting."""
     dark = file.calibration.dark
-    if new.name != "dark" or dark is None or _other_camera_setting(file, new):
+    if new.name != "dark" or dark is None or not _has_camera_setting_of_dark(file, new):
         return new
     merged: Dark = dark.with_exposure_of(new.part)
     shortest, longest = merged.exposures[0], merged.exposures[-1]
@@ -121,15 +122,16 @@ def _present_part(file: CalibrationFile, new: MeasuredPart) -> _RecordedPart | N
     part, record = getattr(file.calibration, new.name), file.records[new.name]
     if new.name == "dark":
         matching = (dark for dark in part.exposures if dark.holds_at(new.part.exposure_ms))
-        part = None if _other_camera_setting(file, new) else next(matching, None)
+        part = next(matching, None) if _has_camera_setting_of_dark(file, new) else None
         return None if part is None else _RecordedPart(part, record)
     is_outdated = new.name in file.outdated_parts or file.differences(new.name, new.record.setting)
     return None if is_outdated else _RecordedPart(part, record)
 
 
-def _other_camera_setting(file: CalibrationFile, new: MeasuredPart) -> bool:
+def _has_camera_setting_of_dark(file: CalibrationFile, new: MeasuredPart) -> bool:
+    """Whether a dark part differs from that of a calibration at most in its exposure."""
     any_exposure = file.records["dark"].setting.model_copy(update={"exposure_ms": None})
-    return bool(any_exposure.differences(new.record.setting, "dark"))
+    return not any_exposure.differences(new.record.setting, "dark")
 
 
 def _limit(floor: float, *errors: float) -> float:
@@ -205,8 +207,8 @@ def _flat_field(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Di
 def _response(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
     before: Response = present.part
     now: Response = measured.part
-    straight = np.linspace(0.0, 1.0, len(before.curve))
-    curves = [straight if response.linear else response.curve for response in (before, now)]
+    linear = np.linspace(0.0, 1.0, len(before.curve))
+    curves = [linear if response.linear else response.curve for response in (before, now)]
     size = float(np.abs(curves[1] - curves[0]).max())
     yield _Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
 
@@ -218,10 +220,11 @@ def _noise(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Differe
     errors = [part.figure("gain_error_share") for part in (present, measured)]
     text = f"{gains[1]:.4g} electrons per pixel value instead of {gains[0]:.4g}"
     yield _Difference(text, _relative_change(*gains), _limit(_FLOOR_GAIN, *errors))
-    reads = before.sensor.read_noise_dn, now.sensor.read_noise_dn
-    errors = [part.figure("read_noise_error_dn") / max(*reads, 1.0) for part in (present, measured)]
-    text = f"a read noise of {reads[1]:.3g} instead of {reads[0]:.3g}"
-    size = abs(reads[1] - reads[0]) / max(*reads, 1.0)
+    noises = before.sensor.read_noise_dn, now.sensor.read_noise_dn
+    scale = max(*noises, 1.0)
+    errors = [part.figure("read_noise_error_dn") / scale for part in (present, measured)]
+    text = f"a read noise of {noises[1]:.3g} instead of {noises[0]:.3g}"
+    size = abs(noises[1] - noises[0]) / scale
     yield _Difference(text, size, _limit(_FLOOR_NOISE, *errors))
 
 
