@@ -61,7 +61,7 @@ class CapturedSet:
     mask: BoolArray | None = None
     path: Path | None = field(default=None, repr=False)
     calibration: CalibrationFile | None = field(default=None, repr=False)
-    # Images, ambient image and mask whose hash is known to be that of the metadata; else empty.
+    # Images, ambient image and mask of which the metadata have the hash; empty if unknown.
     hashed: tuple[object, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
@@ -169,9 +169,11 @@ class CapturedSet:
             return file.calibration
         path = self.path or Path("a set without a file")
         calibration = calibration_of(path, self.metadata, self.images.shape[1:], remedy=_REMEDY)
-        for text in () if calibration is None else calibration.warnings:
+        if calibration is None:
+            return Calibration()
+        for text in calibration.warnings:
             warnings.warn(f"{path}: {text}", stacklevel=3)
-        return Calibration() if calibration is None else calibration.file.calibration
+        return calibration.file.calibration
 
     @property
     def noise(self) -> SensorNoise | None:
@@ -251,7 +253,8 @@ def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
     )  # fmt: skip
 
 
-# Training sets are solved as planar parts: near lights fall off, textures have no tilt or bow.
+# Training sets are solved as planar parts. This removes the fall-off of near lights; a texture has
+# no tilt or bow that it could remove too.
 PLANAR = True
 
 
@@ -279,10 +282,10 @@ class LoadedSet:
         """Scale of the calibration in use, else the one given at import; None if it is unknown."""
         if self.calibration is not None and self.calibration.mm_per_px is not None:
             return self.calibration.mm_per_px
-        ids, used = self.captured.metadata.calibration_ids, self.found_calibration
-        # The recorded scale may be that of the named calibration: it holds with that one only.
-        is_named = used is not None and used.file.hash in ids
-        return self.captured.metadata.mm_per_px if is_named or not ids else None
+        hashes, applied = self.captured.metadata.calibration_ids, self.found_calibration
+        # The scale in the metadata may be from the named calibration, and then needs that one.
+        is_named = applied is not None and applied.file.hash in hashes
+        return self.captured.metadata.mm_per_px if is_named or not hashes else None
 
     @property
     def warnings(self) -> tuple[str, ...]:

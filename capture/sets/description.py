@@ -46,7 +46,7 @@ def described(
 def corrected(
     metadata: SetMetadata, values: Mapping[str, str], corrected_utc: datetime
 ) -> SetMetadata:
-    """Return metadata with other values of some of `FIELDS`; dated entries keep the old ones."""
+    """Return metadata with other values of some of `FIELDS`; `corrections` has the old ones."""
     date_text = utc_text(corrected_utc)
     changes = {
         name: _parsed_value(name, text, _value_of(metadata, name)) for name, text in values.items()
@@ -91,7 +91,7 @@ def as_captured(metadata: SetMetadata, field: str) -> Property | None:
 
 
 def exact_value(value: Property | None) -> str | int | None:
-    """Return a value exactly: whole numbers without a fraction, truth values in small letters."""
+    """Return a value for a table: floats exactly, but without ``.0``; ``true`` and ``false``."""
     if isinstance(value, bool):
         return str(value).lower()
     return repr(value).removesuffix(".0") if isinstance(value, float) else value

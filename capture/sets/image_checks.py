@@ -36,7 +36,7 @@ class LightImages:
 
     images: Array
     ambient: Array
-    later_ambient: Array | None  # taken between the lights
+    later_ambient: Array | None  # captured between the lights
     lighting: Lighting
     names: Sequence[str]
     full_scale: float
@@ -106,11 +106,10 @@ def _mean(image: Array) -> float:
 
 # Share of equal rows above which two images are the same; some rows may be equal by chance.
 _SAME_IMAGE = 0.5
-# With this many well exposed images, mostly saturated ones are only a warning. 2 and 8 fail in
-# test_photograph_checks.py.
+# With this many well exposed images, mostly saturated ones are only a warning.
+# test_photograph_checks.py fails with 2 and with 8.
 _ENOUGH_IMAGES = 4
-# Number of names in one message.
-_MAX_NAMES = 3
+_MAX_NAMES = 3  # in one message
 
 
 @dataclass(frozen=True)
@@ -164,21 +163,21 @@ def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
         yield _Finding(
             ImportCause.SATURATION, f"ambient light fills {share:.0%} of the range", False
         )
-    saturated = {
+    shares = {
         name: float(np.mean(image[inside] >= images.full_scale))
         for name, image in zip(images.names, images.images, strict=True)
     }
-    saturated_images = {
-        name: share for name, share in saturated.items() if share > acceptance.MAX_SATURATED_SHARE
+    saturated = {
+        name: share for name, share in shares.items() if share > acceptance.MAX_SATURATED_SHARE
     }
-    unusable_share = acceptance.MAX_SATURATED_SHARE_OF_PHOTOGRAPH
-    unusable = sum(share > unusable_share for share in saturated_images.values())
-    if saturated_images:
+    if saturated:
         text = (
-            f"{_listed(saturated_images)}: up to {max(saturated_images.values()):.1%} of the "
-            f"pixels are saturated at {images.full_scale}"
+            f"{_listed(saturated)}: up to {max(saturated.values()):.1%} of the pixels are "
+            f"saturated at {images.full_scale}"
         )
-        refutes = unusable > 0 and len(saturated) - unusable < _ENOUGH_IMAGES
+        limit = acceptance.MAX_SATURATED_SHARE_OF_PHOTOGRAPH
+        unusable_count = sum(share > limit for share in saturated.values())
+        refutes = unusable_count > 0 and len(shares) - unusable_count < _ENOUGH_IMAGES
         yield _Finding(ImportCause.SATURATION, text, refutes)
     signals = {
         name: float(image[inside].mean()) - ambient
@@ -204,7 +203,7 @@ def _listed(names: Collection[str]) -> str:
 
 
 def _detail(images: LightImages, explained: Floats) -> Iterator[_Finding]:
-    if len(images.images) < 4:  # three images may well be independent
+    if len(images.images) < 4:  # three images of a matt surface are linearly independent
         return
     for name, share in zip(images.names, explained.tolist(), strict=False):
         if share < acceptance.LITTLE_EXPLAINED_DETAIL:

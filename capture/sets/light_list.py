@@ -152,7 +152,8 @@ def listed_files(source: Path, names: Sequence[str]) -> list[Path]:
                 f"{source}: {name} may be {' or '.join(map(str, files.values()))}; remove or "
                 "rename one, or name the images themselves"
             )
-        paths += (listed or (is_moved and namesakes) or [source.parent / name])[:1]
+        existing = listed or (namesakes if is_moved else [])
+        paths.append(existing[0] if existing else source.parent / name)
     twice = [path for path, count in Counter(map(os.path.abspath, paths)).items() if count > 1]
     if twice:
         raise InputError(f"{source}: names image {twice[0]} twice; list one light for each image")
@@ -207,13 +208,12 @@ def light_list_text(path: Path) -> str:
 
 def _parsed_lp(path: Path, text: str) -> LightList:
     lines = [line.strip() for line in text.splitlines()]
-    (number, count), *numbered = [
-        (number, line) for number, line in enumerate(lines, start=1) if line
-    ] or [(1, "")]
+    numbered = [(number, line) for number, line in enumerate(lines, start=1) if line]
+    number, count = numbered[0] if numbered else (1, "")
     if not count.isdecimal():
         raise InputError(f"{path}: line {number} must be the number of lights, not {count[:120]!r}")
     names, vectors, intensities, places = [], [], [], []
-    for number, line in numbered:
+    for number, line in numbered[1:]:
         # A name may contain blanks, and folders of another computer.
         name, *fields = line.rsplit(maxsplit=3)
         with_intensity = line.rsplit(maxsplit=4)
@@ -241,7 +241,7 @@ def _parsed_lp(path: Path, text: str) -> LightList:
 
 def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     try:
-        raw = json.loads(text, object_pairs_hook=_object)
+        raw = json.loads(text, object_pairs_hook=_without_repeats)
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     except json.JSONDecodeError as error:
@@ -277,7 +277,7 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     return LightList(path, names, places, vectors, intensities, warnings)
 
 
-def _object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     if len(content) < len(pairs):
         twice = next(key for key, count in Counter(key for key, _ in pairs).items() if count > 1)

@@ -213,7 +213,7 @@ class SetMetadata(Record):
     def facts(self) -> Iterator[tuple[str, str]]:
         """Yield the dates, and the response of imported photographs, with their names."""
         if self.capture_date is not None:
-            yield "captured", self.capture_date + " (simulated)" * self.simulated
+            yield "captured", self.capture_date + (" (simulated)" if self.simulated else "")
         if self.capture_date != self.created_utc:
             yield "imported", self.created_utc
         if self.gamma_source is not None:

@@ -37,7 +37,7 @@ from .metadata import SetMetadata
 class PixelHash:
     """SHA-256 of a set's pages (`pixels_sha256`), which may be added in any order.
 
-    One task hashes all pages that are due: tasks that wait for each other could deadlock.
+    One task hashes all pages that are due, because tasks that wait for each other could deadlock.
     """
 
     def __init__(self) -> None:
@@ -188,7 +188,9 @@ def _channels(metadata: SetMetadata) -> list[tuple[str, int]]:
         tilt_deg = tilts_deg[record.light]
         rgb = colorsys.hsv_to_rgb(tilt_deg / 360.0 % 1.0, 1.0, 1.0)
         channels.append((f"tilt {tilt_deg:g} deg", _ome_colour(rgb)))
-    return channels + [("mask", _WHITE)] * (metadata.mask_file is not None)
+    if metadata.mask_file is not None:
+        channels.append(("mask", _WHITE))
+    return channels
 
 
 def _ome_colour(rgb: tuple[float, float, float]) -> int:

@@ -28,8 +28,7 @@ from .image_checks import LightImages, check_photographs
 from .metadata import ImageRecord, LightingRecord, SetMetadata
 
 Gamma = Literal["linear", "srgb"]
-# The gamma is stated by the files, given by the user, or assumed by default.
-_GammaSource = Literal["stated", "given", "assumed"]
+_GammaSource = Literal["stated", "given", "assumed"]  # by the files, by the user, by default
 Crop = tuple[int, int, int, int]
 
 EXPORTED_METADATA = "metadata.json"
@@ -37,9 +36,9 @@ EXPORTED_METADATA = "metadata.json"
 _MAX_METADATA_BYTES = 1 << 24
 
 DNG = ".dng"
-# Depths of sensors, of which one is guessed for files of 16 bits.
+# Depths of common sensors, from which that of a file of 16 bits is guessed.
 _DEPTHS = (8, 10, 12, 14, 16)
-# Largest slant of a warning: the lights of microscopes and copy stands have 10 degrees and more.
+# Slant up to which a warning comes. Lights of microscopes and copy stands have 10 degrees and more.
 _SMALL_SLANT_DEG = 5.0
 
 
@@ -96,7 +95,7 @@ def _gamma_to_undo(
         others = [k for k, other in enumerate(stated) if other not in (None, gamma)]
         if not others:
             return gamma, "given", ()
-        more = f" and {len(others) - 1} more" * (len(others) > 1)
+        more = f" and {len(others) - 1} more" if len(others) > 1 else ""
         text = f"{paths[others[0]].name}{more}: the file states {stated[others[0]]}"
         return gamma, "given", (f"{text}, but was read with --gamma {gamma}",)
     first = stated[0]
@@ -335,9 +334,9 @@ def import_images(
         warnings=(
             *warnings,
             *photographs.warnings,
-            *_about_depth(photographs),
-            *_about_slants(lighting),
-            *_about_outline(mask, part_mask),
+            *_depth_warnings(photographs),
+            *_slant_warnings(lighting),
+            *_outline_warnings(mask, part_mask),
             *(finding.text for finding in findings),
         ),
         accepted=tuple(dict.fromkeys(finding.cause for finding in findings if finding.refutes)),
@@ -347,14 +346,14 @@ def import_images(
     return CapturedSet(images, ambient_image, metadata, part_mask)
 
 
-def _about_depth(photographs: Photographs) -> list[str]:
+def _depth_warnings(photographs: Photographs) -> list[str]:
     if photographs.depth_guessed_from is None or photographs.bit_depth == 16:
         return []
     text = f"the data are taken for {photographs.bit_depth} bits, because the largest value is"
     return [f"{text} {photographs.depth_guessed_from}; --bits N sets another depth"]
 
 
-def _about_slants(lighting: Lighting) -> list[str]:
+def _slant_warnings(lighting: Lighting) -> list[str]:
     largest_deg = float(lighting.slants_deg.max())
     if largest_deg > _SMALL_SLANT_DEG:
         return []
@@ -362,14 +361,15 @@ def _about_slants(lighting: Lighting) -> list[str]:
     return [f"{text} are poorly known; slants are degrees, not radians"]
 
 
-def _about_outline(path: Path | None, mask: BoolArray | None) -> list[str]:
+def _outline_warnings(path: Path | None, mask: BoolArray | None) -> list[str]:
     """Warn of a mask that encloses more black than it has white."""
     if path is None or mask is None:
         return []
-    black = cv2.connectedComponents(
+    # Black areas, with a black border around the image: the area of a corner is the outside.
+    _, areas = cv2.connectedComponents(
         np.pad(~mask, 1, constant_values=True).view(np.uint8), connectivity=4
-    )[1]
-    enclosed = float((black[1:-1, 1:-1] > black[0, 0]).mean())
+    )
+    enclosed = float((areas[1:-1, 1:-1] > areas[0, 0]).mean())
     if enclosed <= mask.mean():
         return []
     text = f"{path.name}: the mask is white on {mask.mean():.1%} of the image and encloses"
