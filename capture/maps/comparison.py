@@ -58,12 +58,10 @@ def _side_of_set(path: Path, loaded: LoadedSet) -> _Side:
     surface = loaded.solve(uncertainty=True)
     solved = SurfaceMaps(surface, mm_per_px=loaded.mm_per_px)
     maps: _Maps = {}
-    for name, kind in _compared().items():
-        described = kind.description(solved)
-        maps[name] = (
-            solved.values(kind),
-            unit_text(described["unit"], relative=described.get("relative", False)),
-        )
+    for name, kind in _compared_kinds().items():
+        description = kind.description(solved)
+        unit = unit_text(description["unit"], relative=description.get("relative", False))
+        maps[name] = solved.values(kind), unit
     deviations = {
         name: solved.values(MAP_KINDS[f"{name}_sd"]) for name in maps if f"{name}_sd" in MAP_KINDS
     }
@@ -123,9 +121,9 @@ def _side_of_folder(folder: Path) -> _Side:
     description = read_description(folder / "p.tif")
     maps: _Maps = {}
     valid = read_map(folder / "valid.tif")[0] > 0
-    for name in _compared():
+    for name in _compared_kinds():
         path = folder / f"{name}.tif"
-        values, described = read_map(path)
+        values, of_map = read_map(path)
         if values.shape != valid.shape or valid.ndim != 2:
             raise InputError(
                 f"{folder / 'valid.tif'}: has shape {valid.shape}, but {name}.tif "
@@ -133,9 +131,9 @@ def _side_of_folder(folder: Path) -> _Side:
             )
         if not np.isfinite(values[valid]).all():
             raise InputError(f"{path}: not finite where valid.tif is not 0; solve again")
-        unit = unit_text(str(described.get("unit", "")), relative=bool(described.get("relative")))
-        nan = np.float32(np.nan)
-        maps[name] = np.where(valid, values, nan).astype(np.float32, copy=False), unit
+        unit = unit_text(str(of_map.get("unit", "")), relative=bool(of_map.get("relative")))
+        finite_values = np.where(valid, values, np.float32(np.nan))
+        maps[name] = finite_values.astype(np.float32, copy=False), unit
     p, q, albedo = (
         np.where(valid, maps[name][0], np.float32(0.0)) for name in ("p", "q", "albedo")
     )
@@ -146,7 +144,7 @@ def _side_of_folder(folder: Path) -> _Side:
     deviations = {
         name: read_map(path)[0] for name in maps if (path := folder / f"{name}_sd.tif").is_file()
     }
-    columns, rows = surface.shape[1], surface.shape[0]
+    rows, columns = surface.shape
     facts = {
         "set": {name: description.get(name) for name in ("label", "pixels_sha256")},
         "rig": {},
@@ -163,7 +161,7 @@ def _side_of_folder(folder: Path) -> _Side:
     return _Side(folder, surface, surface, maps, deviations, facts, simulated, None)
 
 
-def _compared() -> dict[str, MapKind]:
+def _compared_kinds() -> dict[str, MapKind]:
     return {name: kind for name, kind in MAP_KINDS.items() if kind.is_compared}
 
 
@@ -252,8 +250,8 @@ def _correlation(one: Floats, other: Floats) -> float:
     return float((one * other).sum() / energy) if energy > 0.0 else 0.0
 
 
-# Slopes of a part that did not move correlate by 0.9 and more in noise; a shift of 3 px across the
-# relief leaves less than 0.6 on the four textures of the thesis (tests/capture/comparison).
+# Slopes of a part that did not move correlate by 0.9 and more, in spite of noise. After a shift of
+# 3 px the four textures of the thesis correlate by less than 0.6 (tests/capture/comparison).
 _MIN_CORRELATION = 0.7
 
 
@@ -294,6 +292,7 @@ class Comparison:
 
 
 def compare(first: _Side, second: _Side) -> Comparison:
+    """Compare textures, and maps and fields where both sides have them."""
     try:
         texture = compare_textures(first.texture, second.texture)
     except InputError:

@@ -27,32 +27,28 @@ from .pictures import Picture
 from .surface_maps import RELIT_LIGHT, SurfaceMaps
 from .views import MapKind, MapView, mask_picture
 
-_PIXEL_SCALE_NOTE = "ISO 25178-2 over the valid pixels, at the scale of a pixel"
-_RELATIVE_NOTE = (
-    f"{_PIXEL_SCALE_NOTE}; {{}}. Sa and Sq come from relative height without its "
-    "mean plane and are not lengths: compare them only between images of one size and "
-    "magnification."
-)
-_LENGTHS_NOTE = (
-    "{}, {:.3g} mm; {}. Sa and Sq come from height without its mean plane. "
-    "Errors of slopes add up over the frame: compare them only between images of one size."
-)
 _UM_PER_MM = 1e3
-
-
-_WITH_NOISE = "noise raises all of them"
-_WITHOUT_NOISE = (
-    "noise is subtracted from Sdq and Sq; expanded uncertainties with k = 2, without errors of the "
-    "calibration"
-)
 
 
 def _roughness_note(maps: SurfaceMaps) -> str:
     """Return the meaning of the parameters, with or without a scale."""
-    noise = _WITH_NOISE if maps.roughness_uncertainty is None else _WITHOUT_NOISE
+    scale = "ISO 25178-2 over the valid pixels, at the scale of a pixel"
+    noise = "noise raises all of them"
+    if maps.roughness_uncertainty is not None:
+        noise = (
+            "noise is subtracted from Sdq and Sq; expanded uncertainties with k = 2, without "
+            "errors of the calibration"
+        )
     if maps.mm_per_px is None:
-        return _RELATIVE_NOTE.format(noise)
-    return _LENGTHS_NOTE.format(_PIXEL_SCALE_NOTE, maps.mm_per_px, noise)
+        return (
+            f"{scale}; {noise}. Sa and Sq come from relative height without its mean plane and are "
+            "not lengths: compare them only between images of one size and magnification."
+        )
+    return (
+        f"{scale}, {maps.mm_per_px:.3g} mm; {noise}. Sa and Sq come from height without its mean "
+        "plane. Errors of slopes add up over the frame: compare them only between images of one "
+        "size."
+    )
 
 
 def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dict[str, Any] | None:
@@ -87,28 +83,21 @@ def _roughness_parameters(
     """
     uncertainty, mm_per_px = maps.roughness_uncertainty, maps.mm_per_px
     roughness = maps.roughness if uncertainty is None else uncertainty.corrected
-    relative = mm_per_px is None
-    unit, per_px = ("px", 1.0) if mm_per_px is None else ("um", _UM_PER_MM * mm_per_px)
-    rows = (
+    is_relative = mm_per_px is None
+    length, per_px = ("px", 1.0) if mm_per_px is None else ("um", _UM_PER_MM * mm_per_px)
+    parameters: dict[str, dict[str, Any]] = {}
+    for symbol, name, field, unit, factor, relative in (
         ("Sdq", "root mean square gradient", "sdq", "1", 1.0, False),
         ("Sdr", "developed interfacial area ratio", "sdr_percent", "%", 1.0, False),
-        ("Sa", "arithmetical mean height", "sa_px", unit, per_px, relative),
-        ("Sq", "root mean square height", "sq_px", unit, per_px, relative),
-    )
-    return {
-        symbol: {
-            "name": name,
-            "value": None if roughness is None else factor * getattr(roughness, field),
-            "unit": unit,
-            "relative": relative,
-        }
-        | (
-            {}
-            if uncertainty is None
-            else {"expanded_uncertainty": factor * getattr(uncertainty.expanded, field)}
-        )
-        for symbol, name, field, unit, factor, relative in rows
-    }
+        ("Sa", "arithmetical mean height", "sa_px", length, per_px, is_relative),
+        ("Sq", "root mean square height", "sq_px", length, per_px, is_relative),
+    ):
+        value = None if roughness is None else factor * getattr(roughness, field)
+        parameters[symbol] = {"name": name, "value": value, "unit": unit, "relative": relative}
+        if uncertainty is not None:
+            expanded = factor * getattr(uncertainty.expanded, field)
+            parameters[symbol]["expanded_uncertainty"] = expanded
+    return parameters
 
 
 # Units on the page that differ from those in files.

@@ -37,8 +37,8 @@ def write_channels(
     mm_per_px: float | None,
 ) -> None:
     """Write (C, H, W) or (H, W) as an ImageJ hyperstack, grey within `display_range`."""
-    # ImageJ cannot open interleaved float32.
-    # Bio-Formats takes a pixel without a unit for a micrometre.
+    # A hyperstack, because ImageJ cannot open interleaved float32. With the unit "pixel", because
+    # Bio-Formats takes micrometres for a missing one.
     per_unit, unit = (1.0, "pixel") if mm_per_px is None else (1.0 / mm_per_px, "mm")
     low, high = display_range
     tifffile.imwrite(

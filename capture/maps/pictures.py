@@ -28,14 +28,13 @@ _NO_LIGHT_COLOUR = (235, 235, 235)
 GREYS = np.repeat(np.arange(256, dtype=np.uint8)[:, None], 3, axis=1)
 _RELIEF_LIGHT = Lighting.from_angles([135.0], 55.0).directions[0].astype(np.float32)
 _FLAT_GREY = 0.5 + 0.5 * float(_RELIEF_LIGHT[2])
-# Largest contrast: beyond it the noise of a smooth part looks like relief.
-_MAX_CONTRAST = 6.0
+_MAX_CONTRAST = 6.0  # beyond it the noise of a smooth part looks like relief
 
 
 def _blue_white_red() -> Picture:
-    position = np.linspace(-1.0, 1.0, 256)[:, None]
-    end = np.where(position > 0, (178.0, 24.0, 43.0), (33.0, 102.0, 172.0))
-    colours: Picture = np.rint(247.0 + np.abs(position) * (end - 247.0)).astype(np.uint8)
+    position, white = np.linspace(-1.0, 1.0, 256)[:, None], 247.0
+    end_colour = np.where(position > 0, (178.0, 24.0, 43.0), (33.0, 102.0, 172.0))
+    colours: Picture = np.rint(white + np.abs(position) * (end_colour - white)).astype(np.uint8)
     return colours
 
 
@@ -111,7 +110,7 @@ def normal_map(normals: FloatMap) -> Picture:
 
 
 def shaded(normals: FloatMap, contrast: float = 1.0) -> Picture:
-    """Shade (H, W, 3) normals from the upper left; `contrast` is about the grey of a plane."""
+    """Shade (H, W, 3) normals from the upper left, with a contrast about the grey of a plane."""
     return grey(_FLAT_GREY + contrast * (_shading(normals) - _FLAT_GREY), top=1.0)
 
 

@@ -103,7 +103,8 @@ LENGTH = "{length}"
 def unit_text(unit: str, *, relative: bool = False) -> str:
     """A unit as pages show it."""
     texts = {"1": "", "full scale": "of full scale"}
-    return texts.get(unit, unit.replace("^2", "\N{SUPERSCRIPT TWO}") + ", relative" * relative)
+    length = unit.replace("^2", "\N{SUPERSCRIPT TWO}")
+    return texts.get(unit, f"{length}, relative" if relative else length)
 
 
 def grey(kind: MapKind, maps: SurfaceMaps) -> MapView:
