@@ -67,17 +67,10 @@ class BoundedCache(Generic[_Value]):
             return value
 
 
-class SceneCache(BoundedCache[SceneImages]):
-    """A cache of scenes, whose rendering takes most of the time to open a simulated rig."""
-
-    def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
-        super().__init__(_scene_bytes, limit_bytes)
-
-
 class SceneRenderer:
     """A renderer of the scenes below one rig's camera; material folders are not cached."""
 
-    def __init__(self, config: RigConfig, cache: SceneCache | None = None) -> None:
+    def __init__(self, config: RigConfig, cache: BoundedCache[SceneImages] | None = None) -> None:
         self._config = config
         self._cache = _SHARED_CACHE if cache is None else cache
         self._surface: tuple[tuple[object, ...], Surface] | None = None
@@ -146,7 +139,8 @@ class SceneRenderer:
         return self._surface[1]
 
 
-def _scene_bytes(scene: SceneImages) -> int:
+def scene_bytes(scene: SceneImages) -> int:
+    """Memory of a scene."""
     arrays = (getattr(scene, field.name) for field in fields(scene))
     # A cropped image keeps the memory of the whole one.
     return sum((array if array.base is None else array.base).nbytes for array in arrays)
@@ -158,7 +152,8 @@ def _surface_bytes(surface: PeriodicSurface) -> int:
     return 5 * sum(plane.nbytes for plane in maps)
 
 
-_SHARED_CACHE = SceneCache()
+# Rendering takes most of the time to open a simulated rig.
+_SHARED_CACHE = BoundedCache(scene_bytes)
 # Holds synthetic surfaces of frames up to 256 px; larger ones exceed its limit.
 _SYNTHETIC_CACHE = BoundedCache(_surface_bytes)
 

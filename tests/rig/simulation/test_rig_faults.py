@@ -13,7 +13,7 @@ from classify.lighting import Lighting
 from rig import Placement, RigConfig, open_rig
 from rig.scene.surfaces import PeriodicSurface, View
 from rig.scene.synthetic import synthetic_surface, tile_side_px
-from rig.simulation.scenes import SceneCache, SceneRenderer
+from rig.simulation.scenes import BoundedCache, SceneRenderer, scene_bytes
 from rig.simulation.sensor import SensorModel
 
 Image = npt.NDArray[np.float64]
@@ -79,7 +79,7 @@ def test_the_pixels_are_those_of_a_plain_rendering(
         vignetting_percent=vignetting_percent,
         response_gamma=gamma,
     ).with_changes(lights={"slant_deg": slant_deg})
-    scene = SceneRenderer(config, SceneCache(0)).render(Placement(surface="malv"))
+    scene = SceneRenderer(config, BoundedCache(scene_bytes, 0)).render(Placement(surface="malv"))
     sensor = SensorModel(
         bit_depth=bits, read_noise_e=0.0, full_well_e=1e12, white_e_per_ms=4.25e10,
         response_gamma=gamma,

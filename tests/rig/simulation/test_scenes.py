@@ -5,14 +5,14 @@ from pathlib import Path
 
 from rig import Placement, RigConfig
 from rig.scene.material_folder import bundled_materials
-from rig.simulation.scenes import BoundedCache, SceneCache, SceneRenderer
+from rig.simulation.scenes import BoundedCache, SceneRenderer, scene_bytes
 
 SMALL = RigConfig().with_changes(camera={"width_px": 32, "height_px": 24})
 SCENE_BYTES = 32 * 32 * (4 * 4 + 4 + 4 * 1 + 3 * 4)
 
 
 def test_a_scene_is_rendered_once_for_all_rigs_of_one_configuration() -> None:
-    cache, placement = SceneCache(), Placement(surface="rock")
+    cache, placement = BoundedCache(scene_bytes), Placement(surface="rock")
     first = SceneRenderer(SMALL, cache).render(placement)
     assert SceneRenderer(SMALL, cache).render(placement) is first
     brighter = SMALL.with_changes(simulation={"ambient": 0.5})
@@ -20,7 +20,7 @@ def test_a_scene_is_rendered_once_for_all_rigs_of_one_configuration() -> None:
 
 
 def test_the_least_recently_used_scene_goes_first() -> None:
-    cache = SceneCache(limit_bytes=2 * SCENE_BYTES)
+    cache = BoundedCache(scene_bytes, limit_bytes=2 * SCENE_BYTES)
     renderer = SceneRenderer(SMALL, cache)
     rock, sand, malv = (Placement(surface=name) for name in ("rock", "sand", "malv"))
     kept, lost = renderer.render(rock), renderer.render(sand)
@@ -32,7 +32,7 @@ def test_the_least_recently_used_scene_goes_first() -> None:
 
 def test_a_material_folder_is_rendered_anew(tmp_path: Path) -> None:
     folder = shutil.copytree(next(iter(bundled_materials().values())), tmp_path / "material")
-    cache, placement = SceneCache(), Placement(surface=str(folder))
+    cache, placement = BoundedCache(scene_bytes), Placement(surface=str(folder))
     first = SceneRenderer(SMALL, cache).render(placement)
     assert SceneRenderer(SMALL, cache).render(placement) is not first
 
