@@ -202,5 +202,4 @@ class ReplayCameraConfig(StampedCameraConfig):
 
     @property
     def recording(self) -> Path:
-        """The captured set that the camera replays."""
         return Path(self.set_file)

@@ -79,10 +79,7 @@ class DeviceSimulation:
     def next_frame(
         self, max_late_periods: float, exposure_ms: float | None = None
     ) -> ServedFrame | None:
-        """Wait for a frame by the camera's clock, so that delays do not add up.
-
-        None if the frame is late by more than `max_late_periods` periods.
-        """
+        """Wait for a frame by the camera's clock, so that delays do not add up."""
         simulation = self._simulation
         source = simulation.camera_with_faults
         current_ms = 1e3 * source.info.exposure_s

@@ -35,15 +35,6 @@ def aravis() -> Any:
     return Aravis
 
 
-def is_installed() -> bool:
-    """Whether Aravis is installed."""
-    try:
-        aravis()
-    except CameraError:
-        return False
-    return True
-
-
 def call(function: Callable[..., Any], *arguments: Any) -> Any:
     """Call a function of Aravis; raise `CameraError` with its error message."""
     from gi.repository import GLib

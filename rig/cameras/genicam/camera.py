@@ -20,7 +20,6 @@ from .aravis import (
     Buffer,
     DetectedCamera,
     find_devices,
-    is_installed,
 )
 from .measurement_mode import (
     FIXED_FEATURES,
@@ -216,9 +215,11 @@ class DeviceClock:
 
 def list_genicam_cameras() -> list[ListedCamera]:
     """List the cameras that answer on networks and USB; none without Aravis."""
-    if not is_installed():
+    try:
+        detected = find_devices()
+    except CameraError:  # Aravis is not installed
         return []
-    return [*map(_listed, find_devices()), *_inaccessible_usb_cameras()]
+    return [*map(_listed, detected), *_inaccessible_usb_cameras()]
 
 
 USB_DEVICES = Path("/sys/bus/usb/devices")

@@ -93,7 +93,6 @@ class FakeGigeCamera:
             )
 
     def start(self, source: FrameSource) -> None:
-        """Let the camera answer at its address."""
         library = aravis()
         with tempfile.NamedTemporaryFile("w", suffix=".xml", encoding="utf-8") as features:
             features.write(_features())
@@ -139,7 +138,6 @@ class FakeGigeCamera:
         self._lost_share = share
 
     def step(self) -> None:
-        """Wait for a frame period."""
         time.sleep(self._period_s)
 
     def trigger(self) -> None:
@@ -147,7 +145,6 @@ class FakeGigeCamera:
         self._fake.write_register(_TRIGGER_REGISTER, 1)
 
     def close(self) -> None:
-        """End the camera; a second call does nothing."""
         if self._camera is not None:
             self._camera.props.gvsp_lost_ratio = _ALL_PACKETS
         self._camera = None  # waits for `fill`

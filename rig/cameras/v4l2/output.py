@@ -130,7 +130,6 @@ class LoopbackCamera:
         self.pixel_format, self.bit_depth = self._format.name, self._format.bit_depth
 
     def start(self, source: FrameSource) -> None:
-        """Claim the device."""
         config = self._config
         self._source = source
         self._output = V4l2Output(
@@ -143,14 +142,12 @@ class LoopbackCamera:
         )
 
     def step(self) -> None:
-        """Write the next frame."""
         frame = self._source.next_frame(_MAX_LATE_PERIODS)
         if frame is not None:
             assert self._format.to_bytes is not None
             self._output.write(self._format.to_bytes(frame.pixels), frame.end_s)
 
     def close(self) -> None:
-        """End the stream; a second call does nothing."""
         self._output.close()
 
 

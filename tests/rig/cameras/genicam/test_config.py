@@ -77,7 +77,6 @@ def test_a_usb_camera_that_may_not_be_opened_is_listed_with_the_rules(
         for name, text in files.items():
             (tmp_path / folder / name).write_text(f"{text}\n")
     monkeypatch.setattr(genicam_camera, "USB_DEVICES", tmp_path)
-    monkeypatch.setattr(genicam_camera, "is_installed", lambda: True)
     monkeypatch.setattr(genicam_camera, "find_devices", list)
     (camera,) = list_genicam_cameras()
     (check,) = check_cameras([camera], None)
