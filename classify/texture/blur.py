@@ -90,9 +90,7 @@ def min_over_blurs(
     rings: int,
     penalty: np.float32,
 ) -> tuple[Floats, Floats]:
-    """Smallest squared distances (n,) over all blurs, with the penalty, and their variances (n,) in
-    px^2.
-    """
+    """(n,) squared distances plus penalty, least over all blurs, and the (n,) blurs in px^2."""
     # `test` (d,) and `references` (n, d) are features, of which the first `rings` are ring means;
     # `test_curve` (3, d) and `curves` (n, 3, d) are their changes at the knots. A variance is that
     # of the test minus that of the reference.

@@ -23,7 +23,7 @@ TILE = 128
 
 MOMENTS = 6
 """Number of moments of a level; `heading_moments` names them."""
-_MAX_LEVELS = 4  # for which `heading_features` has room
+_MAX_LEVELS = 4  # of segments of 256 px, without the finest level
 HEADING_FLOATS = 3 * MOMENTS * _MAX_LEVELS
 """Length of `heading_features`: real and imaginary parts of the moments, and their weights."""
 
@@ -37,32 +37,32 @@ _Complex = npt.NDArray[np.complex128]
 
 @kernel
 def add_row(x_row: Array, y_row: Array, z_row: Array, a_row: Array, sums: Array) -> None:
-    """Add |g|^2 and the moments to the sums of each column.
+    """Add |g|^2 and the moments of g = x + i y, relief z and albedo a to the sums of each column.
 
     Sums of `TILE` columns have fixed distances in memory, so that the compiler vectorises.
     """
     three = np.float32(3.0)
     for tile in range(len(x_row) // TILE):
-        to = tile * HEADING_SUMS * TILE
+        offset = tile * HEADING_SUMS * TILE
         for c in range(TILE):
             x, y = x_row[tile * TILE + c], y_row[tile * TILE + c]
             z, a = z_row[tile * TILE + c], a_row[tile * TILE + c]
             x_square, y_square = x * x, y * y
             square, z_square, a_square, product = x_square + y_square, z * z, a * a, a * z
-            sums[to + c] += square
-            sums[to + TILE + c] += square * x
-            sums[to + 2 * TILE + c] += square * y
-            sums[to + 3 * TILE + c] += z_square * x
-            sums[to + 4 * TILE + c] += z_square * y
-            sums[to + 5 * TILE + c] += a * x
-            sums[to + 6 * TILE + c] += a * y
-            sums[to + 7 * TILE + c] += a_square * x
-            sums[to + 8 * TILE + c] += a_square * y
-            sums[to + 9 * TILE + c] += product * x
-            sums[to + 10 * TILE + c] += product * y
+            sums[offset + c] += square
+            sums[offset + TILE + c] += square * x
+            sums[offset + 2 * TILE + c] += square * y
+            sums[offset + 3 * TILE + c] += z_square * x
+            sums[offset + 4 * TILE + c] += z_square * y
+            sums[offset + 5 * TILE + c] += a * x
+            sums[offset + 6 * TILE + c] += a * y
+            sums[offset + 7 * TILE + c] += a_square * x
+            sums[offset + 8 * TILE + c] += a_square * y
+            sums[offset + 9 * TILE + c] += product * x
+            sums[offset + 10 * TILE + c] += product * y
             # The cube of x + i y.
-            sums[to + 11 * TILE + c] += x * (x_square - three * y_square)
-            sums[to + 12 * TILE + c] += y * (three * x_square - y_square)
+            sums[offset + 11 * TILE + c] += x * (x_square - three * y_square)
+            sums[offset + 12 * TILE + c] += y * (three * x_square - y_square)
 
 
 @kernel
@@ -70,9 +70,9 @@ def sum_tiles(sums: Array, begin: int, end: int, totals: Array) -> None:
     """Totals of the sums of columns `begin` to `end`, which are stored as those of `add_row`."""
     totals[:] = 0.0
     for c in range(begin, end):
-        to = c // TILE * len(totals) * TILE + c % TILE
+        offset = c // TILE * len(totals) * TILE + c % TILE
         for index in range(len(totals)):
-            totals[index] += sums[to + index * TILE]
+            totals[index] += sums[offset + index * TILE]
 
 
 def heading_moments(sums: Floats, counts: Floats, variances: Floats) -> _Complex:

@@ -30,13 +30,13 @@ def squared_errors_by_shift(
 
     Entry j shifts the reference by j steps anticlockwise.
     """
-    between = tuple(range(1, references.ndim - 1))
+    middle_axes = tuple(range(1, references.ndim - 1))
     cross = np.fft.rfft(test.astype(np.float64)) * np.conj(
         np.fft.rfft(references.astype(np.float64))
     )
-    correlation = np.fft.irfft(cross.sum(axis=between), n=test.shape[-1])
+    correlation = np.fft.irfft(cross.sum(axis=middle_axes), n=test.shape[-1])
     energy = np.sum(np.square(test, dtype=np.float64)) + np.sum(
-        np.square(references, dtype=np.float64), axis=(*between, references.ndim - 1)
+        np.square(references, dtype=np.float64), axis=(*middle_axes, references.ndim - 1)
     )
     errors: Floats = energy[:, None] - 2.0 * correlation
     return errors

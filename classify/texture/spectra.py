@@ -96,7 +96,7 @@ def surface_spectra(surface: SurfaceEstimate, segment_px: int | None = None) -> 
     Parameters
     ----------
     surface
-        Pixels that are not valid count as of mean slope and mean albedo.
+        Pixels that are not valid get the mean slope and the mean albedo.
     segment_px
         Side of the segments, 32 or more; by default `segment_for` the frame.
 
@@ -118,7 +118,7 @@ def field_spectra(fields: TextureFields, segment_px: int) -> Spectra:
     powers = segment_powers(fields, segment_px)
     columns, rows = _polar_map(segment_px)
     amplitudes = _amplitudes(powers, _wave_directions(segment_px))
-    # The spectrum is periodic along its rows.
+    # Roots are interpolated, and squared with their sign. The spectrum is periodic along its rows.
     polar = cv2.remap(amplitudes, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
     gradient, albedo, relief, co_spectrum = np.ascontiguousarray(
         np.moveaxis(polar * np.abs(polar), 2, 0)

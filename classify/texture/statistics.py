@@ -69,7 +69,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         cv2.GaussianBlur(plane, _BLUR_SIZE, _BLUR_PX, borderType=cv2.BORDER_REFLECT_101)
         for plane in (fields.p, fields.q, fields.albedo)
     ]
-    sums, odd_sums = [], []
+    sums, heading_sums = [], []
     energies: list[Array] = []
     p_mean, q_mean = (np.float32(cv2.mean(plane)[0]) for plane in planes[:2])
     for level in range(levels):
@@ -81,12 +81,14 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         blocks = len(edges) - 1
         block_sums = np.empty((blocks, 2, _SUMS), np.float64)
         # The finest level would take most of the time, and its third moments are mostly noise.
-        odd = np.empty((blocks if level else 0, 2, HEADING_SUMS), np.float64)
-        respond = partial(_respond, *planes, p_mean, q_mean, edges, energy, block_sums, odd)
+        heading_blocks = np.empty((blocks if level else 0, 2, HEADING_SUMS), np.float64)
+        respond = partial(
+            _respond, *planes, p_mean, q_mean, edges, energy, block_sums, heading_blocks
+        )
         run_on_rows(respond, (blocks, _ROWS * columns))
         sums.append(_frame_and_quarter_sums(block_sums))
         if level:
-            odd_sums.append(_frame_and_quarter_sums(odd))
+            heading_sums.append(_frame_and_quarter_sums(heading_blocks))
         energies = [cv2.pyrDown(energies_before) for energies_before in energies] if level else []
         energies.append(energy)
     powers = np.stack(sums, axis=1)
@@ -95,7 +97,7 @@ def local_statistics(fields: TextureFields, levels: int) -> LocalStatistics:
         moments=moments,
         energies=_energy_covariances(np.concatenate(energies, axis=2)),
         headings=heading_moments(
-            np.array(odd_sums).reshape(-1, 1 + QUARTERS, HEADING_SUMS).swapaxes(0, 1),
+            np.array(heading_sums).reshape(-1, 1 + QUARTERS, HEADING_SUMS).swapaxes(0, 1),
             powers[:, 1:, 0],
             moments[:, 1:, :2],
         ),
@@ -144,7 +146,7 @@ def statistics_length(levels: int) -> int:
 @kernel
 def _respond(
     p: Array, q: Array, albedo: Array, p_mean: np.float32, q_mean: np.float32, edges: Array,
-    energy: Array, sums: Array, odd: Array, first: int, stop: int,
+    energy: Array, sums: Array, heading_blocks: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     """Write squared responses of one level, and sums of powers per block of rows and half."""
     rows, columns = p.shape
@@ -155,8 +157,8 @@ def _respond(
     responses = np.zeros((5, -(-columns // TILE) * TILE), np.float32)
     z, a, e, x, y = responses[0], responses[1], responses[2], responses[3], responses[4]
     for block in range(first, stop):
-        lines = np.zeros(responses.shape[1] * _SUMS, np.float32)
-        odd_lines = np.zeros(responses.shape[1] * HEADING_SUMS, np.float32)
+        column_sums = np.zeros(responses.shape[1] * _SUMS, np.float32)
+        heading_column_sums = np.zeros(responses.shape[1] * HEADING_SUMS, np.float32)
         for r in range(edges[block] - 1, edges[block + 1] + 1):
             row = min(max(r, 0), rows - 1)
             _copy_row(p, row, windows[0, r % 3])
@@ -171,39 +173,39 @@ def _respond(
                 squares[2 * c], squares[2 * c + 1] = z[c] * z[c], a[c] * a[c]
             if not _BORDER <= here < rows - _BORDER:
                 continue
-            _add_powers(z, a, e, lines)
-            if len(odd):
+            _add_powers(z, a, e, column_sums)
+            if len(heading_blocks):
                 for c in range(columns):
                     responses[3, c] = p[here, c] - p_mean
                     responses[4, c] = q[here, c] - q_mean
-                add_row(x, y, z, a, odd_lines)
+                add_row(x, y, z, a, heading_column_sums)
         for side in range(2):
             begin, end = (middle, columns - _BORDER) if side else (_BORDER, middle)
-            sum_tiles(lines, begin, end, sums[block, side])
-            if len(odd):
-                sum_tiles(odd_lines, begin, end, odd[block, side])
+            sum_tiles(column_sums, begin, end, sums[block, side])
+            if len(heading_blocks):
+                sum_tiles(heading_column_sums, begin, end, heading_blocks[block, side])
 
 
 @kernel
 def _add_powers(z_row: Array, a_row: Array, e_row: Array, sums: Array) -> None:
     """Add 1 and the powers of the responses of a row to the sums of its columns, as `add_row`."""
     for tile in range(len(z_row) // TILE):
-        to = tile * _SUMS * TILE
+        offset = tile * _SUMS * TILE
         for c in range(TILE):
             z, a, e = z_row[tile * TILE + c], a_row[tile * TILE + c], e_row[tile * TILE + c]
             z_square, a_square = z * z, a * a
-            sums[to + c] += np.float32(1.0)
-            sums[to + TILE + c] += z
-            sums[to + 2 * TILE + c] += z_square
-            sums[to + 3 * TILE + c] += z_square * z
-            sums[to + 4 * TILE + c] += z_square * z_square
-            sums[to + 5 * TILE + c] += a
-            sums[to + 6 * TILE + c] += a_square
-            sums[to + 7 * TILE + c] += a_square * a
-            sums[to + 8 * TILE + c] += a_square * a_square
-            sums[to + 9 * TILE + c] += z * a
-            sums[to + 10 * TILE + c] += e
-            sums[to + 11 * TILE + c] += e * e
+            sums[offset + c] += np.float32(1.0)
+            sums[offset + TILE + c] += z
+            sums[offset + 2 * TILE + c] += z_square
+            sums[offset + 3 * TILE + c] += z_square * z
+            sums[offset + 4 * TILE + c] += z_square * z_square
+            sums[offset + 5 * TILE + c] += a
+            sums[offset + 6 * TILE + c] += a_square
+            sums[offset + 7 * TILE + c] += a_square * a
+            sums[offset + 8 * TILE + c] += a_square * a_square
+            sums[offset + 9 * TILE + c] += z * a
+            sums[offset + 10 * TILE + c] += e
+            sums[offset + 11 * TILE + c] += e * e
 
 
 @kernel
