@@ -31,8 +31,8 @@ class Comparison(NamedTuple):
     distances: Floats  # 0 equal
     orientations_deg: Floats | None = None  # anticlockwise, [0, 180)
     sharpness: Floats | None = None  # of the orientation, 0 to 1
-    headings: Floats | None = None  # score in standard deviations; negative: 180 degrees more
-    blurs_px: Floats | None = None  # sigma of the relative blur; negative: sharper
+    heading_scores: Floats | None = None  # standard deviations; below 0: 180 degrees more
+    blurs_px: Floats | None = None  # sigma by which the signature is blurrier; below 0: sharper
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Classifier(Generic[_Test, _Training]):
     """A way to tell textures apart, as functions on arrays."""
 
     name: str
-    # From a surface and `segment_px`.
+    # Features of a surface, by segments of `segment_px`.
     observe: Callable[[SurfaceEstimate, int], _Test]
     # The same for training, which may need more features than a test.
     observe_training: Callable[[SurfaceEstimate, int], _Training]
@@ -48,7 +48,7 @@ class Classifier(Generic[_Test, _Training]):
     signature: Callable[[_Test, Parameters], FloatMap]
     # (k, ...) signatures of one training set.
     references: Callable[[_Training, Parameters], FloatMap]
-    # A signature with (n, ...) references.
+    # Compares a signature with (n, ...) references.
     compare: Callable[[FloatMap, FloatMap, Parameters], Comparison]
     # From the observations of all training sets and their labels.
     learn: Callable[[Sequence[_Training], Sequence[str]], Parameters] = (
@@ -76,7 +76,7 @@ class Classifier(Generic[_Test, _Training]):
         lambda _test, references, _parameters: np.zeros(len(references))
     )
     # (n, 180) share of the angular structure that agrees at each orientation relative to the
-    # reference; None where the classifier finds none.
+    # reference; None for a classifier without orientations.
     agreement: Callable[[FloatMap, FloatMap], Floats] | None = None
     # Changes the references of a set whose orientation may be off by 180 degrees, so that they
     # give no heading.

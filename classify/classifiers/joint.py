@@ -1,8 +1,8 @@
 """The default classifier: polar spectra at all orientations, and local statistics.
 
 A signature is one vector of float32: Fourier series of the polar spectra, whitened statistics,
-their changes by blur, the features of the heading, and a scatter factor. In a reference that is the
-factor of its class's limit; in a test it divides the distances.
+their changes by blur, the features of the heading, and a scatter factor. The factor of a reference
+multiplies the limit of its class; that of a test divides the distances.
 """
 
 from collections.abc import Mapping, Sequence
@@ -29,7 +29,7 @@ from .joint_features import (
     JointObservation,
     JointTraining,
     blur_curve,
-    combined,
+    combined_distances,
     local_unit,
     observe,
     observe_training,
@@ -67,9 +67,9 @@ def _references(training: JointTraining, parameters: Parameters) -> FloatMap:
     """Signatures of a training set: its own, then those under rotated lights."""
     statistics = statistics_rows(training.frame.statistics, parameters)
     distances = quarter_distances([training], statistics[None], parameters)
-    factor = scatter_factor(combined(*distances, parameters))
+    factor = scatter_factor(combined_distances(*distances, parameters))
     own = _vector(training.frame, training.blurred, parameters, factor)
-    compared = slice(_curve(parameters).start)
+    compared = slice(_curve_slice(parameters).start)
     references = [own]
     for observation in training.rotated:
         rotated = _vector(observation, training.blurred, parameters, factor)
@@ -105,14 +105,14 @@ def _vector(
 
 def _compare(test: FloatMap, references: FloatMap, parameters: Parameters) -> Comparison:
     spectral = least_error(_series_of(test[None])[0], _series_of(references))
-    own, others = _levels(test[None], parameters)[0], _levels(references, parameters)
+    own, others = _blur_features(test[None], parameters)[0], _blur_features(references, parameters)
     # Harmonic 0 and the statistics are compared at the best blur; blur does not change the other
     # harmonics or the shift.
     curve, curves = _curves(test[None], parameters)[0], _curves(references, parameters)
     penalty = blur_penalty(float(parameters["pixels"]))
     at_best_blur, variances = min_over_blurs(own, curve, others, curves, SERIES, penalty)
-    rings = np.square(others - own)[:, :SERIES].sum(axis=1, dtype=np.float64)
-    total = np.maximum(spectral.errors - rings, 0.0) + at_best_blur
+    ring_errors = np.square(others - own)[:, :SERIES].sum(axis=1, dtype=np.float64)
+    total = np.maximum(spectral.errors - ring_errors, 0.0) + at_best_blur
     blurs_px = np.sign(variances) * np.sqrt(np.abs(variances))
     total /= test[-1]
     headings = heading_scores(test[_HEADING], references[:, _HEADING], spectral.shifts_deg)
@@ -153,27 +153,27 @@ def _series_of(signatures: FloatMap) -> Complex:
     return series.reshape(len(signatures), SERIES, HARMONICS)
 
 
-def _curve(parameters: Parameters) -> slice:
+def _curve_slice(parameters: Parameters) -> slice:
     """Slice of the changes by blur in a signature."""
     return slice(_SERIES_FLOATS + len(parameters["whitening"]), _HEADING.start)
 
 
-def _levels(signatures: FloatMap, parameters: Parameters) -> FloatMap:
-    """(n, SERIES + d) means of rings, then statistics."""
-    statistics = signatures[:, _SERIES_FLOATS : _curve(parameters).start]
+def _blur_features(signatures: FloatMap, parameters: Parameters) -> FloatMap:
+    """(n, SERIES + d) features that blur changes: means of rings, then statistics."""
+    statistics = signatures[:, _SERIES_FLOATS : _curve_slice(parameters).start]
     return np.concatenate([signatures[:, _RINGS], statistics], axis=1)
 
 
 def _curves(signatures: FloatMap, parameters: Parameters) -> FloatMap:
-    curves = signatures[:, _curve(parameters)]
+    curves = signatures[:, _curve_slice(parameters)]
     return np.ascontiguousarray(curves.reshape(len(signatures), len(KNOTS_PX2), -1))
 
 
 def _invariants(signatures: FloatMap, parameters: Parameters) -> FloatMap:
-    levels, curves = _levels(signatures, parameters), _curves(signatures, parameters)
-    coordinates = blur_coordinates(levels, curves, parameters[BLUR_BASIS], SERIES)
+    features, curves = _blur_features(signatures, parameters), _curves(signatures, parameters)
+    coordinates = blur_coordinates(features, curves, parameters[BLUR_BASIS], SERIES)
     norms = shift_invariant_norms(_series_of(signatures))
-    return np.concatenate([norms, levels[:, SERIES:], coordinates, signatures[:, -1:]], axis=1)
+    return np.concatenate([norms, features[:, SERIES:], coordinates, signatures[:, -1:]], axis=1)
 
 
 def _without_heading(references: FloatMap) -> FloatMap:

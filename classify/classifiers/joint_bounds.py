@@ -2,9 +2,9 @@
 
 They follow from numbers that rotations do not change. A reference and its changes by blur form a
 path in feature space. Each change is split into its components along the few directions in which
-the references of a library change most, and a remainder, of which only the length is kept. A bound
-is the distance along these directions and the remaining difference, which is shortened by the
-length of the remainder of the change.
+the references of a library change most, and a remainder, of which only the length is kept. Along
+these directions a bound is exact. Across them a change brings a reference nearer by at most the
+length of its remainder (triangle inequality).
 """
 
 from functools import partial
@@ -29,10 +29,10 @@ BLUR_BASIS = "blur_basis"
 """Parameter with the directions; a library without it was trained before blur was estimated."""
 
 RING_DIRECTIONS, LOCAL_DIRECTIONS = 6, 10
-"""Directions of rings and of statistics.
+"""Number of directions of rings and of statistics.
 
-On 30,000 references mixed as in ``tests.evidence.benchmark``, nine in ten queries compare 119
-references at most; 10 and 24 directions make them 75, and reading the bounds a fifth longer.
+On 30,000 references mixed as in ``tests.evidence.benchmark``, 90 % of the queries compare at most
+119 references. With 10 and 24 directions it is 75, but the bounds take 20 % longer.
 """
 
 # Relative error of the norm of the difference of two vectors of single precision.
@@ -52,12 +52,12 @@ def blur_basis(curves: FloatMap, rings: int) -> Floats:
     return basis
 
 
-def blur_coordinates(levels: FloatMap, curves: FloatMap, basis: Floats, rings: int) -> FloatMap:
+def blur_coordinates(features: FloatMap, curves: FloatMap, basis: Floats, rings: int) -> FloatMap:
     """(n, 4 m + 6) features and changes along m directions, and lengths of the remainders."""
-    # Of the six lengths three are a reference's, by knot; one is that of the statistics in its
-    # first change; two are a test's, of the rings in its first and second change.
+    # Three lengths are of whole changes, by knot. The others are for a sharper test, see
+    # `path_products`: of the statistics at the first knot, of the rings at the first two.
     directions = basis.astype(np.float32)
-    coordinates = levels @ directions.T
+    coordinates = features @ directions.T
     changes = curves @ directions.T
     remainders = np.square(curves - changes @ directions)
     squares = [
@@ -66,35 +66,36 @@ def blur_coordinates(levels: FloatMap, curves: FloatMap, basis: Floats, rings: i
         remainders[:, :2, :rings].sum(axis=2),
     ]
     lengths = np.sqrt(np.concatenate(squares, axis=1))
-    return np.concatenate([coordinates, changes.reshape(len(levels), -1), lengths], axis=1)
+    return np.concatenate([coordinates, changes.reshape(len(features), -1), lengths], axis=1)
 
 
 def bounds(test: FloatMap, references: FloatMap, parameters: Parameters) -> Floats:
     """(n,) lower bounds on the distances from a test, with (k,) invariants, to n references."""
-    size = RING_DIRECTIONS + LOCAL_DIRECTIONS
-    # Number of invariants before the blur coordinates.
+    # Invariants: ring means, norms of the other harmonics, statistics; blur coordinates; factor.
     count = 2 * SERIES + len(parameters["whitening"])
-    paths = []
-    for rows in (test[None], references):
-        blur = rows[:, count:-1]
-        changes = blur[:, size : 4 * size].reshape(len(rows), len(KNOTS_PX2), size)
-        paths += [blur[:, :size], changes, blur[:, 4 * size :]]
-    test_levels, test_changes, test_lengths, *reference_paths = paths
+    test_path = (rows[0] for rows in _paths(test[None, count:-1]))
+    paths = (*test_path, *_paths(references[:, count:-1]))
     penalty = blur_penalty(float(parameters["pixels"]))
     lower_bounds = np.empty(len(references), np.float64)
-    path = (test_levels[0], test_changes[0], test_lengths[0], *reference_paths)
     bound_rows = partial(
-        _bounds, SERIES, test[:count], references, *path, penalty, test[-1], lower_bounds
+        _bounds, SERIES, test[:count], references, *paths, penalty, test[-1], lower_bounds
     )
     run_on_rows(bound_rows, references.shape)
     return lower_bounds
 
 
+def _paths(coordinates: FloatMap) -> tuple[FloatMap, FloatMap, FloatMap]:
+    """Split `blur_coordinates` into features, changes by knot, and lengths."""
+    size = RING_DIRECTIONS + LOCAL_DIRECTIONS
+    changes = coordinates[:, size : 4 * size].reshape(len(coordinates), len(KNOTS_PX2), size)
+    return coordinates[:, :size], changes, coordinates[:, 4 * size :]
+
+
 @kernel
 def _bounds(
     series: int, test: Array, references: Array,
-    test_levels: Array, test_changes: Array, test_lengths: Array,
-    levels: Array, changes: Array, lengths: Array,
+    test_features: Array, test_changes: Array, test_lengths: Array,
+    features: Array, changes: Array, lengths: Array,
     penalty: np.float32, divisor: np.float32, bounds: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     """Squared distances to the paths, less rounding errors, over the divisor."""
@@ -110,15 +111,14 @@ def _bounds(
         across = _square(test, reference, 0, series)
         across += _square(test, reference, 2 * series, len(test))
         across -= _ROUNDING * across
-        for k in range(len(test_levels)):
-            across -= (levels[n, k] - test_levels[k]) ** 2
-        # Remainder of the difference at each point of the path. That of a change shortens it by at
-        # most its length.
+        for k in range(len(test_features)):
+            across -= (features[n, k] - test_features[k]) ** 2
+        # Least distance across the directions at each corner of the path.
         r2 = np.sqrt(max(across, zero))
         r0 = r2 - test_lengths[5] - np.float32(EXTRAPOLATION) * length[3]
         r1 = r2 - test_lengths[4] - length[3]
         r3, r4, r5 = r2 - length[0], r2 - length[1], r2 - length[2]
-        s, p = path_products(test_levels, test_changes, levels[n], changes[n], RING_DIRECTIONS)
+        s, p = path_products(test_features, test_changes, features[n], changes[n], RING_DIRECTIONS)
         if min(r0, r1, r3, r4, r5) > zero:
             squares = (
                 s[0] + r0 * r0, s[1] + r1 * r1, s[2] + r2 * r2,
@@ -140,7 +140,7 @@ def _bounds(
 
 @kernel
 def _square(test: Array, reference: Array, start: int, stop: int) -> np.float32:
-    """Squared distance over some of the numbers, by four independent sums."""
+    """Squared distance over `start` to `stop`, by four independent sums."""
     s0, s1, s2, s3 = np.float32(0.0), np.float32(0.0), np.float32(0.0), np.float32(0.0)
     last = start + (stop - start) // 4 * 4
     for k in range(start, last, 4):

@@ -43,7 +43,7 @@ CONTRAST_GAINS = "contrast_gains"
 """Parameter: factor of the contrast of each channel in a distance."""
 
 RING_CAP = "ring_cap"
-"""Parameter: radius in bins up to which rings count by their radius."""
+"""Parameter: radius in bins up to which the weight of a ring grows with its radius."""
 
 # Share of the power of relief that counts as power of albedo. Penumbra, gloss and LEDs that are
 # 5 % weaker than assumed leak about as much of the relief into the albedo.
@@ -67,7 +67,7 @@ class JointObservation(Observation):
 
 @dataclass(frozen=True, eq=False)
 class JointTraining(Observation):
-    """What is observed of one training set."""
+    """Features of one training set."""
 
     frame: JointObservation
     quarters: FloatMap  # (4, 3, R, A) `polar` of its quarters
@@ -107,12 +107,12 @@ def observe_training(surface: SurfaceEstimate, segment_px: int) -> JointTraining
 
 def _observe_fields(fields: TextureFields, segment_px: int) -> JointObservation:
     require_segment(fields.shape, segment_px)  # before other work begins
-    statistics = in_background(partial(local_statistics, fields, levels_for(segment_px)))
+    wait_for_statistics = in_background(partial(local_statistics, fields, levels_for(segment_px)))
     spectra = field_spectra(fields, segment_px)
     return JointObservation(
         polar=_polar(spectra),
         curl_density=spectra.curl_density,
-        statistics=statistics(),
+        statistics=wait_for_statistics(),
         pixels=fields.p.size,
         segment_px=segment_px,
     )
@@ -123,7 +123,7 @@ def _polar(spectra: Spectra) -> FloatMap:
 
 
 def spectral_series(polar: FloatMap, parameters: Parameters) -> Complex:
-    """(..., SERIES, 16) weighted series of log relief, log albedo, coherence (..., 3, R, A)."""
+    """(..., SERIES, 16) Fourier series of the weighted channels of (..., 3, R, A) densities."""
     return harmonics(_channels(polar, parameters))
 
 
@@ -134,16 +134,17 @@ def contrasts(polar: FloatMap, parameters: Parameters) -> FloatMap:
 
 
 def _contrasts(channels: FloatMap, weights: FloatMap) -> FloatMap:
-    levels = np.einsum("cr,...cra->...c", _directions(weights), channels)
-    return np.asarray(levels / np.float32(np.sqrt(channels.shape[-1])), np.float32)
+    sums = np.einsum("cr,...cra->...c", _unit_weights(weights), channels)
+    return np.asarray(sums / np.float32(np.sqrt(channels.shape[-1])), np.float32)
 
 
 def _channels(polar: FloatMap, parameters: Parameters) -> FloatMap:
+    """(..., SERIES, A) weighted log relief, log albedo and coherence, with less contrast."""
     weights = _root_weights(parameters)
     channels = _weighted_channels(polar, parameters, weights)
     factors = (parameters[CONTRAST_GAINS] - 1.0) / np.sqrt(polar.shape[-1])
     changes = factors.astype(np.float32) * _contrasts(channels, weights)
-    channels += (changes[..., None] * _directions(weights))[..., None]
+    channels += (changes[..., None] * _unit_weights(weights))[..., None]
     return channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1])
 
 
@@ -158,8 +159,8 @@ def _weighted_channels(polar: FloatMap, parameters: Parameters, weights: FloatMa
     return channels
 
 
-def _directions(weights: FloatMap) -> FloatMap:
-    """(3, R) weights of rings in the contrast of each channel, of sum of squares 1."""
+def _unit_weights(weights: FloatMap) -> FloatMap:
+    """(3, R) weights of rings in the contrast of each channel; their squares have sum 1."""
     return np.asarray(weights / np.linalg.norm(weights, axis=1, keepdims=True), np.float32)
 
 
@@ -184,11 +185,9 @@ def blur_curve(
     whitening = local_unit(parameters) * parameters["whitening"]
     local = np.zeros((len(rings), len(whitening)))
     if blurred:
-        frame, *others = (
-            statistics_rows(blurred_statistics, parameters)[0]
-            for blurred_statistics in (observation.statistics, *blurred)
-        )
-        local[:] = [whitening @ (other - frame) for other in others]
+        frame = statistics_rows(observation.statistics, parameters)[0]
+        rows = [statistics_rows(statistics, parameters)[0] for statistics in blurred]
+        local[:] = [whitening @ (row - frame) for row in rows]
     return np.concatenate([rings, local], axis=1, dtype=np.float32)
 
 
@@ -227,8 +226,8 @@ def quarter_distances(
     return spectral, local
 
 
-def combined(spectral: Floats, local: Floats, parameters: Parameters) -> Floats:
-    """Both distances as one, in units of the mean distance between quarters."""
+def combined_distances(spectral: Floats, local: Floats, parameters: Parameters) -> Floats:
+    """Weighted sum of both squared distances, in units of the mean between quarters."""
     share = float(parameters[SPECTRAL_SHARE])
     return (
         share * spectral / parameters["spectral_scatter"]

@@ -47,11 +47,11 @@ _MAX_FACTOR = 1.5
 # Largest factor of a class with one set only: the 95th percentile and the mean of the factors of
 # uniform classes. See "Uniformity" in classify/DECISIONS.md.
 _MAX_FACTOR_OF_ONE_SET: Mapping[Uniformity, float] = {"varied": 1.3, "no texture": 1.0}
-# Median distance of another patch to a class of scatter 1, and standard deviations of its logarithm
-# between classes of equal scatter and between patches of one class, together 0.43. On 22 scanned
-# materials the median is 0.84 and the deviation 0.53; joint_constants.py prints how near unknown
-# surfaces come to the limits of doubled values. A limit is the 99th percentile, 2.33 deviations
-# above the median.
+# Median distance of another patch to a class of scatter 1. Its logarithm has these standard
+# deviations between classes of equal scatter and between patches of one class, together 0.43. On
+# 22 scanned materials the median is 0.84 and the deviation 0.53; joint_constants.py prints how near
+# unknown surfaces come to the limits of doubled values. A limit is the 99th percentile, 2.33
+# deviations above the median.
 _MEDIAN_DISTANCE = 0.82
 _CLASS_SPREAD = 0.34
 _PATCH_SPREAD = 0.26
@@ -62,8 +62,8 @@ _MINIMUM_OF_NORMALS = ((0.0, 1.0), (-0.564, 0.826), (-0.846, 0.748))
 # Below this side the limit falls with the twelfth root of the side, by 6 % at 128 px: smaller
 # frames distinguish textures less well.
 _SUFFICIENT_PX = 256
-# Largest number of compared sets of a class, and of references that each is compared with, which
-# have the lowest bounds. More would take minutes and change little.
+# Largest number of compared sets of a class, and of references for each of them, those of lowest
+# bounds. More would take minutes and change little.
 _MAX_SETS = 200
 _MAX_REFERENCES = 256
 
@@ -100,9 +100,10 @@ def unit_limit(pixels: float) -> float:
 
 
 def limit_of_sets(limit: float, distances: Sequence[float]) -> float:
-    """Limit of a class from the distance of each set to the others, without sets of one patch.
+    """Limit of a class from the distance of each set to the others: a normal prior, updated.
 
-    It is at most the 99th percentile of the smallest of as many distances.
+    Distances too small for two patches are left out. The limit is at most the 99th percentile of
+    the smallest of as many distances.
     """
     spread = math.hypot(_CLASS_SPREAD, _PATCH_SPREAD)
     expected = math.log(limit) - _LIMIT_DEVIATIONS * spread
@@ -153,24 +154,23 @@ def class_limits(
     return limits
 
 
-# Weight of the distance of spectra; 1 minus it is the weight of the statistics.
-# classify/DECISIONS.md compares others.
+# See "Features of textures" in classify/DECISIONS.md.
 _SPECTRAL_SHARE = 0.5
-# A ring counts by its number of DFT cells, which grows with its radius in bins up to this cap:
-# without a cap the highest frequencies, which hold most of the noise, would outvote all others. In
+# The weight of a ring is its radius in bins, in proportion to its DFT cells, up to this cap.
+# Without a cap the highest frequencies, which hold most of the noise, would outweigh all others. In
 # frames below `_SUFFICIENT_PX` squared the cap grows with the missing area: see "Small frames" in
 # classify/DECISIONS.md.
 _CAP_BINS = 8.0
-# A floor is this many times the error, the power of the curl, which a relief does not have.
-# Without floors logarithms fail at slant 70, where errors from shadow fill the weak bins. The
-# upper quartile of the sets counts: a part in little shadow has more in other orientations.
+# A floor is this many times the power of the curl. A relief has no curl, so that it measures the
+# error. Without floors logarithms fail at slant 70, where errors from shadow fill the weak bins.
+# The upper quartile of the sets counts: a part in little shadow has more in other orientations.
 _FLOOR_ERRORS = 3.0
 _FLOOR_QUANTILE = 0.75
 _MIN_FLOOR = 1e-6
 # Four quarters give a variance to a factor of two. It is averaged with the typical variance of all
 # statistics, which counts as this many degrees of freedom, so that one class gives much the same
 # metric as 22.
-_TYPICAL_DEGREES = 48.0
+_TYPICAL_FREEDOM = 48.0
 _MIN_VARIANCE = 1e-4  # of a statistic without noise; those of textures are 0.0006 or more
 # Slopes of one surface differ by this factor from day to day: a slant of 42 instead of 45 degrees
 # makes them 10 % smaller, 5 % of ambient light left in another 5 %. Quarters of a frame do not show
@@ -197,7 +197,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
     frames = [training.frame for training in trainings]
     pixels = float(np.median([float(frame.pixels) for frame in frames]))
     densities = [frame.curl_density for frame in frames]
-    curls = [frame.statistics.moments[0, :, 7] for frame in frames]
+    curls = [frame.statistics.moments[0, :, 7] for frame in frames]  # variances of the curl
     density_floor = np.array(
         max(_FLOOR_ERRORS * float(np.quantile(densities, _FLOOR_QUANTILE)), _MIN_FLOOR)
     )
@@ -211,7 +211,9 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
         "albedo_floors": relief_floors * np.array(ALBEDO_GAINS[: len(relief_floors)]),
     }
     textures = _textures(trainings)
-    statistics = np.stack([statistics_rows(each.frame.statistics, floors) for each in textures])
+    statistics = np.stack(
+        [statistics_rows(training.frame.statistics, floors) for training in textures]
+    )
     whitening = _whitening(statistics[:, 1:], len(relief_floors))
     metric = {
         **floors,
@@ -225,7 +227,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
         SPECTRAL_SHARE: np.array(_SPECTRAL_SHARE),
         "heading_variances": np.mean(variances, axis=0),
         "pixels": np.array(pixels),
-        "spectral_scatter": np.array(_spectral_unit(spectral.mean(axis=1))),
+        "spectral_scatter": np.array(_spectral_scatter(spectral.mean(axis=1))),
         "local_scatter": np.array(max(float(local.mean()), _MIN_DISTANCE)),
     }
     curves = np.stack(
@@ -239,7 +241,9 @@ def _textures(trainings: Sequence[JointTraining]) -> Sequence[JointTraining]:
     """Sets whose quarters give the unit of distance: textures, or all sets if none is one."""
     # Quarters of pictures differ more, so that other pictures would come within the limits: see
     # "Uniformity" in classify/DECISIONS.md.
-    textures = [each for each in trainings if uniformity_of([each.unevenness]) != "no texture"]
+    textures = [
+        training for training in trainings if uniformity_of([training.unevenness]) != "no texture"
+    ]
     return textures or trainings
 
 
@@ -247,9 +251,9 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
     """Shape of each parameter of a library with segments of that side."""
     levels = levels_for(segment_px)
     length = statistics_length(levels)
-    numbers = ("density_floor", "pixels", "spectral_scatter", "local_scatter", "limit")
+    scalars = ("density_floor", "pixels", "spectral_scatter", "local_scatter", "limit")
     return {
-        **dict.fromkeys((*numbers, SPECTRAL_SHARE, RING_CAP), ()),
+        **dict.fromkeys((*scalars, SPECTRAL_SHARE, RING_CAP), ()),
         **dict.fromkeys(("relief_floors", "albedo_floors"), (levels,)),
         "heading_variances": (levels - 1, MOMENTS),
         "whitening": (length, length),
@@ -260,15 +264,15 @@ def parameter_shapes(segment_px: int) -> Mapping[str, Shape]:
 
 def _contrast_gains(trainings: Sequence[JointTraining], parameters: Parameters) -> Floats:
     """(3,) gains of the contrast of each channel, from its variance between quarters."""
-    levels = np.stack([contrasts(training.quarters, parameters) for training in trainings])
-    measured = levels.var(axis=1, ddof=1, dtype=np.float64).sum(axis=0)
+    of_quarters = np.stack([contrasts(training.quarters, parameters) for training in trainings])
+    measured = of_quarters.var(axis=1, ddof=1, dtype=np.float64).sum(axis=0)
     typical = _TYPICAL_SETS * np.array(_TYPICAL_CONTRASTS)
-    variances = (measured + typical) / (len(levels) + _TYPICAL_SETS)
+    variances = (measured + typical) / (len(trainings) + _TYPICAL_SETS)
     gains: Floats = 1.0 / np.sqrt(1.0 + variances / _CONTRAST_VARIANCE)
     return gains
 
 
-def _spectral_unit(distances: Floats) -> float:
+def _spectral_scatter(distances: Floats) -> float:
     """Geometric mean of spectral distances between quarters, over sets and a prior."""
     logs = np.log(np.maximum(distances, _MIN_DISTANCE))
     total = float(logs.sum()) + _TYPICAL_SETS * math.log(_TYPICAL_SPECTRAL)
@@ -278,16 +282,16 @@ def _spectral_unit(distances: Floats) -> float:
 def _whitening(quarters: Floats, levels: int) -> Floats:
     """(d, d) W of (sets, 4, d) quarters: |W (x - y)|^2 is a squared Mahalanobis distance."""
     deviations = (quarters - quarters.mean(axis=1, keepdims=True)).reshape(-1, quarters.shape[-1])
-    degrees = len(quarters) * (QUARTERS - 1)
-    covariance = deviations.T @ deviations / degrees
+    freedom = len(quarters) * (QUARTERS - 1)
+    covariance = deviations.T @ deviations / freedom
     np.fill_diagonal(covariance, np.diag(covariance) + _MIN_VARIANCE)
     variances = np.diag(covariance)
     typical = np.exp(np.log(variances).mean())
     scatter = np.sqrt(
-        (degrees * variances + _TYPICAL_DEGREES * typical) / (degrees + _TYPICAL_DEGREES)
+        (freedom * variances + _TYPICAL_FREEDOM * typical) / (freedom + _TYPICAL_FREEDOM)
     )
     correlation = covariance / np.sqrt(np.outer(variances, variances))
-    correlation *= degrees / (degrees + len(variances))
+    correlation *= freedom / (freedom + len(variances))
     np.fill_diagonal(correlation, 1.0)
     # The first statistics are the logarithms of the rms of relief, level by level.
     slopes = np.where(np.arange(len(scatter)) < levels, _LOG_SLOPE_SCATTER / scatter, 0.0)

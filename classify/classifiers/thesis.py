@@ -123,8 +123,8 @@ def _power(observation: PolarSpectra, _: Parameters) -> FloatMap:
 
 def _compare_2d(test: FloatMap, references: FloatMap, _: Parameters) -> Comparison:
     """Distances of one (2, R, A) signature to n references (thesis scheme 9.3)."""
-    # The error of each is divided by both energies. The shift is that of the least squared error of
-    # the 1D spectra.
+    # The shift is that of the least squared error of the 1D spectra. The error of each 2D spectrum
+    # is divided by both energies.
     shifts = _shifts_by_polar(test, references)
     shifted = roll_angles(test, shifts)
     difference = np.square(shifted - references).sum(axis=(2, 3))

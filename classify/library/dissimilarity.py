@@ -37,8 +37,8 @@ def own_scatter_limits(library: TextureLibrary) -> dict[str, float]:
     limit_of_class: dict[str, float] = {}
     for label in library.classes:
         is_member = labels == label
-        # Without other classes, none caps the limit; as one set, the class has no distances
-        # between sets that would raise it.
+        # As if trained alone: no other class caps the limit. All references count as one set, so
+        # that no distances between sets raise it.
         names, sets = labels[is_member].tolist(), [0] * int(is_member.sum())
         signatures = library.signatures[is_member]
         limit_of_class |= limits(names, sets, signatures, library.parameters, library.uniformity)

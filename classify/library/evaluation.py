@@ -14,8 +14,8 @@ from classify.methods import DEFAULT_CLASSIFIER
 
 from .match import Match
 
-# Largest number of groups of `leave_one_out`, each of which is left out as a whole.
-_GROUPS = 30
+# Largest number of folds of `leave_one_out`: of more sets, several are left out together.
+_FOLDS = 30
 
 
 @dataclass(frozen=True)
@@ -133,9 +133,11 @@ def evaluate(trials: Sequence[Trial], classes: Collection[str]) -> Evaluation:
     """
     if not trials:
         raise InputError("nothing to evaluate; give at least one labelled set")
-    counts: dict[bool, dict[str, dict[str | None, int]]] = {True: {}, False: {}}
+    confusion: dict[str, dict[str | None, int]] = {}
+    untaught: dict[str, dict[str | None, int]] = {}
     for trial in trials:
-        row = counts[trial.label in classes].setdefault(trial.label, {})
+        counts = confusion if trial.label in classes else untaught
+        row = counts.setdefault(trial.label, {})
         row[trial.match.label] = row.get(trial.match.label, 0) + 1
     trials = [trial for trial in trials if trial.label in classes]
     by_class: dict[str, list[Trial]] = {}
@@ -154,12 +156,12 @@ def evaluate(trials: Sequence[Trial], classes: Collection[str]) -> Evaluation:
         correct=sum(result.correct for result in per_class.values()),
         unknown=sum(trial.match.label is None for trial in trials),
         per_class=per_class,
-        confusion=counts[True],
+        confusion=confusion,
         orientation_error_deg=_orientation_error(trials),
         headings=len(reversals),
         reversed=sum(reversals),
         blur_px=float(np.median(blurs_px)) if blurs_px else None,
-        untaught=counts[False],
+        untaught=untaught,
     )
 
 
@@ -176,19 +178,16 @@ def leave_one_out(
     tests: Sequence[Observation],
     segment_px: int,
 ) -> list[Match | None]:
-    """Match of each set with a library that was trained without its group; None without others."""
+    """Match of each set with a library trained without its fold; None for a single set."""
     classifier = classifier_named(DEFAULT_CLASSIFIER)
-    # Sets of one class are neighbours in `rows`, so that they come into different groups.
-    groups = [number % _GROUPS for number in range(len(rows))]
-    matches: dict[int, Match | None] = {}
-    for group in range(min(_GROUPS, len(rows))):
-        others = [row for row, other in zip(rows, groups, strict=True) if other != group]
-        library = None
-        if others:
-            library = TextureLibrary.from_observations(others, segment_px)
-        for number in range(group, len(rows), _GROUPS):
-            match = None
-            if library is not None:
-                match = library.match(classifier.signature(tests[number], library.parameters))
-            matches[number] = match
-    return [matches[number] for number in range(len(rows))]
+    matches: list[Match | None] = [None] * len(rows)
+    # Sets of one class are neighbours in `rows`, so that they come into different folds.
+    for fold in range(min(_FOLDS, len(rows))):
+        others = [row for number, row in enumerate(rows) if number % _FOLDS != fold]
+        if not others:
+            continue
+        library = TextureLibrary.from_observations(others, segment_px)
+        for number in range(fold, len(rows), _FOLDS):
+            signature = classifier.signature(tests[number], library.parameters)
+            matches[number] = library.match(signature)
+    return matches

@@ -128,9 +128,9 @@ def match_of(
         sum_deg = float(orientations_deg[winner] + comparison.orientations_deg[winner])
         # Rounded first: -1e-12 is 0, not 180 - 1e-12.
         orientation_deg = round(sum_deg, 6) % 180.0
-        heading = 0.0 if comparison.headings is None else float(comparison.headings[winner])
-        if abs(heading) >= MIN_SCORE:
-            heading_deg = round(sum_deg + 180.0 * (heading < 0.0), 6) % 360.0
+        scores = comparison.heading_scores
+        if scores is not None and abs(scores[winner]) >= MIN_SCORE:
+            heading_deg = round(sum_deg + 180.0 * (scores[winner] < 0.0), 6) % 360.0
     if comparison.sharpness is not None:
         sharpness = float(comparison.sharpness[winner])
     return Match(
@@ -151,14 +151,14 @@ def match_of(
 
 
 def _blur_without(blurred_px: float, compared_px: float) -> float:
-    """Blur of a surface that was blurred before the comparison found `compared_px`."""
+    """Blur of a surface before a Gaussian of `blurred_px` made it `compared_px`."""
     variance_px2 = compared_px * abs(compared_px) - blurred_px**2
     return math.copysign(math.sqrt(abs(variance_px2)), variance_px2)
 
 
-# Number of references of the lowest bounds that are compared first, and as many of other classes.
+# Number of references compared first: those of the lowest bounds, and as many of other classes.
 FIRST_COUNT = 64
-# Largest number of references compared after that, which bounds the time. On 100,000 references the
+# Largest number of references compared after that, to limit the time. Of 100,000 references the
 # nearest is among them in 99.9 % of queries (``tests.evidence.benchmark``).
 MAX_CANDIDATES = 4096
 
@@ -166,11 +166,10 @@ MAX_CANDIDATES = 4096
 def nearest_references(
     classes: npt.NDArray[np.integer], bounds: Floats, compare: Callable[[Indices], Comparison]
 ) -> tuple[Indices, Comparison]:
-    """Compare all references that may be the nearest or runner-up, `MAX_CANDIDATES` at most."""
-    # The lowest bounds are compared first. With d1 the smallest distance, to class c, and d2 the
-    # smallest to another class, references of c with a bound of at most d1, and others with a bound
-    # of at most d2, are compared too; indices rise.
-    # NaN, which a mapped file may contain, gives no bound.
+    """Compare all references that may be the nearest or runner-up; their indices are ascending."""
+    # The lowest bounds are compared first. Let d1 be the smallest distance, to class c, and d2 the
+    # smallest to another class. Then references of c with a bound of at most d1, and others with a
+    # bound of at most d2, are compared too. NaN, which a mapped file may contain, becomes bound 0.
     bounds = np.fmax(bounds, 0.0)
     lowest = _lowest(bounds, FIRST_COUNT)
     other_classes = np.flatnonzero(classes != classes[lowest[0]])
@@ -205,6 +204,6 @@ def _joined(first: Comparison, second: Comparison, order: Indices) -> Comparison
         np.concatenate([first.distances, second.distances])[order],
         joined(first.orientations_deg, second.orientations_deg),
         joined(first.sharpness, second.sharpness),
-        joined(first.headings, second.headings),
+        joined(first.heading_scores, second.heading_scores),
         joined(first.blurs_px, second.blurs_px),
     )

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from classify.base.array_archive import is_cut_short
-from classify.base.arrays import FloatMap, Floats, Indices
+from classify.base.arrays import Array, FloatMap, Floats, Indices
 from classify.base.errors import InputError, LibraryError
 from classify.classifiers import Comparison, Parameters, classifier_named
 from classify.lighting import Lighting
@@ -48,7 +48,7 @@ class TextureLibrary:
     signatures
         (n, ...) float32; in a large library that was loaded, a view of its file.
     parameters
-        What the classifier learned from all sets together.
+        Numbers that the classifier learned from all sets together.
     segment_px
         Side of the segments.
     oriented
@@ -298,11 +298,9 @@ class TextureLibrary:
         Raises as `observe`. Unlike `classify` it compares all references.
         """
         signature, classifier = self.observe(surface), classifier_named(self.classifier)
-        nearest_distances = classifier.compare(
-            signature, self.signatures, self.parameters
-        ).distances
+        comparison = classifier.compare(signature, self.signatures, self.parameters)
         nearest = dict.fromkeys(self.classes, np.inf)
-        for label, distance in zip(self.labels, nearest_distances.tolist(), strict=True):
+        for label, distance in zip(self.labels, comparison.distances.tolist(), strict=True):
             nearest[label] = min(nearest[label], distance)
         return nearest
 
@@ -323,16 +321,14 @@ class TextureLibrary:
 
     def _require_whole_file(self) -> None:
         """Raise LibraryError if a mapped file was cut short: reading it would end the process."""
-        arrays = [self.signatures, self.orientations_deg, *self.parameters.values()]
-        stored = vars(self).get("invariants")  # not computed here
-        if any(is_cut_short(array) for array in [*arrays, *([] if stored is None else [stored])]):
+        arrays: list[Array] = [self.signatures, self.orientations_deg, *self.parameters.values()]
+        if vars(self).get("invariants") is not None:  # the property would compute them
+            arrays.append(vars(self)["invariants"])
+        if any(is_cut_short(array) for array in arrays):
             raise LibraryError("the file of the library was cut short; train it again")
 
     def candidates(self, signature: FloatMap) -> tuple[Indices, Comparison]:
-        """Compare the references that can be nearest or runner-up.
-
-        Returns their indices and the comparison with them.
-        """
+        """Compare the references that can be nearest or runner-up; their indices come first."""
         self._require_whole_file()
         classifier = classifier_named(self.classifier)
         if self.invariants is None:
@@ -350,7 +346,7 @@ class TextureLibrary:
 
 
 def _solver(method: str, planar: bool) -> str:
-    return f"by {method}{' as planar parts' * planar}"
+    return f"by {method} as planar parts" if planar else f"by {method}"
 
 
 def _check_same_lights(

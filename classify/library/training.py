@@ -119,7 +119,7 @@ def _aligned(
     comparison = classifier.compare(references[0], first[None], parameters)
     if comparison.orientations_deg is None:
         return references, 0.0
-    heading = 0.0 if comparison.headings is None else float(comparison.headings[0])
+    heading = 0.0 if comparison.heading_scores is None else float(comparison.heading_scores[0])
     if abs(heading) < MIN_SCORE:
         # Its orientation may be off by 180 degrees: it must not give headings.
         references = classifier.without_heading(references)

@@ -31,7 +31,7 @@ ROW = "{:.1f} | {:.2f} | {:.2f}"
 CONSTANTS = {
     joint_features: ("_ALBEDO_LEAK", "_CHANNEL_WEIGHTS"),
     joint_learning: ("_CAP_BINS", "_SPECTRAL_SHARE", "_FLOOR_ERRORS", "_FLOOR_QUANTILE",
-                     "_TYPICAL_DEGREES", "_TYPICAL_SETS", "_TYPICAL_SPECTRAL", "_CONTRAST_VARIANCE",
+                     "_TYPICAL_FREEDOM", "_TYPICAL_SETS", "_TYPICAL_SPECTRAL", "_CONTRAST_VARIANCE",
                      "_SCATTER_POWER", "_MIN_SCATTER", "_MAX_FACTOR", "_MEDIAN_DISTANCE",
                      "_CLASS_SPREAD", "_PATCH_SPREAD"),
     joint: ("_MIN_SQUARED_DISTANCE",),
