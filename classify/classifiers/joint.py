@@ -51,7 +51,7 @@ _HEADING = slice(-1 - HEADING_FLOATS, -1)
 _RINGS = slice(0, _SERIES_FLOATS, 2 * HARMONICS)  # the real part of harmonic 0
 
 
-def ring_levels(signature: FloatMap) -> Floats:
+def ring_means(signature: FloatMap) -> Floats:
     """(SERIES,) means of the rings of the spectra in a signature: relief, albedo, coherence."""
     return signature[_RINGS].astype(np.float64)
 

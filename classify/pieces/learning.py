@@ -58,7 +58,7 @@ class GoodPart:
 
     moments: FloatMap  # `band_moments`
     orientation_deg: float | None  # None counts as 0
-    rings: Floats  # `ring_levels`
+    rings: Floats  # `ring_means`
 
 
 def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceModel:

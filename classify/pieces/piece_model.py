@@ -204,7 +204,7 @@ class PieceModel:
     def measure(
         self, moments: FloatMap, orientation_deg: float | None, rings: Floats
     ) -> PieceMeasures:
-        """Measure a part by its `band_moments` and the `ring_levels` of its library."""
+        """Measure a part by its `band_moments` and the `ring_means` of its library."""
         orientation_deg = orientation_deg or 0.0
         spots = self.spots.cell_scores(spot_values(moments, self.floors, orientation_deg))
         pairs = coarser(moments)

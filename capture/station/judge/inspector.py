@@ -33,7 +33,7 @@ from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import DefectRecord, PartResult
 from classify import DefectMap, TextureLibrary, regions_of
 from classify.base.threads import in_background
-from classify.classifiers.joint import ring_levels
+from classify.classifiers.joint import ring_means
 from classify.defects.fields import part_fields
 from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
@@ -224,7 +224,7 @@ class Inspector:
             models = self._models[texture]
             with _timed(timings_ms, "defects"):
                 measure = partial(models.pieces.measure, moments(), match.orientation_deg)
-                wait_for_pieces = in_background(partial(measure, ring_levels(signature)))
+                wait_for_pieces = in_background(partial(measure, ring_means(signature)))
                 defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
                 measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)

@@ -26,7 +26,7 @@ from capture.station.results.store import open_store
 from classify import Calibration, TextureLibrary, learn_defects
 from classify.base.durable_file import make_folder
 from classify.base.threads import on_free_processor
-from classify.classifiers.joint import ring_levels
+from classify.classifiers.joint import ring_means
 from classify.defects.learning import MIN_PARTS
 from classify.library.training import TrainingRow, observe
 from classify.methods import default_method
@@ -266,7 +266,7 @@ def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) ->
         rows, segment_px, method=default_method(len(good[0].images)), planar=PLANAR
     )
     taught_surfaces = [material.surface for material in surfaces[:MIN_PARTS]]
-    rings = [ring_levels(library.observe(surface)) for surface in taught_surfaces]
+    rings = [ring_means(library.observe(surface)) for surface in taught_surfaces]
     parts = [
         GoodPart(band_moments(surface), 0.0, levels)
         for surface, levels in zip(taught_surfaces, rings, strict=True)

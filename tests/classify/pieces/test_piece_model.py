@@ -8,7 +8,7 @@ import pytest
 
 from classify import InputError, SurfaceEstimate, TextureLibrary
 from classify.base.errors import PieceModelError
-from classify.classifiers.joint import ring_levels
+from classify.classifiers.joint import ring_means
 from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces, scaled_surface
 from classify.pieces.piece_model import PieceMeasures, PieceModel
@@ -62,7 +62,7 @@ class Taught:
         self.model = learn_pieces(parts, np.mean(changes, axis=0))
 
     def rings(self, surface: SurfaceEstimate) -> np.ndarray:
-        return ring_levels(self.library.observe(surface))
+        return ring_means(self.library.observe(surface))
 
     def measure(self, surface: SurfaceEstimate, orientation_deg: float = 0.0) -> PieceMeasures:
         return self.model.measure(band_moments(surface), orientation_deg, self.rings(surface))

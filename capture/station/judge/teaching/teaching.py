@@ -30,7 +30,7 @@ from capture.station.judge.inspector import Inspection, Inspector
 from classify import Match, TextureLibrary
 from classify.base.durable_file import make_folder
 from classify.classifiers import Observation, classifier_named
-from classify.classifiers.joint import ring_levels
+from classify.classifiers.joint import ring_means
 from classify.defects.learning import MAX_PARTS, MIN_PARTS
 from classify.library.evaluation import leave_one_out
 from classify.library.training import common_lighting
@@ -262,12 +262,12 @@ def _piece_model(parts: Sequence[TaughtPart], library: TextureLibrary) -> PieceM
     classifier = classifier_named(library.classifier)
 
     def rings(observation: Observation) -> npt.NDArray[np.float64]:
-        return ring_levels(classifier.signature(observation, library.parameters))
+        return ring_means(classifier.signature(observation, library.parameters))
 
     good, changes = [], []
     for part in parts:
         signature = classifier.signature(part.matching_observation, library.parameters)
-        levels = ring_levels(signature)
+        levels = ring_means(signature)
         good.append(GoodPart(part.moments, library.match(signature).orientation_deg, levels))
         changes += [
             (rings(scaled) - levels) / math.log(1.0 + step)
