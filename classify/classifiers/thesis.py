@@ -35,7 +35,7 @@ def _observe(surface: SurfaceEstimate, segment_px: int) -> PolarSpectra:
 
 def images_of(surface: SurfaceEstimate) -> npt.NDArray[np.generic]:
     """(N, H, W) images of a surface, as solved; InputError if it came without them."""
-    images = surface.even_images
+    images = surface.solved_images
     if images is None:
         raise InputError(
             "this surface comes without its images, or has a mask, and this classifier compares "

@@ -15,10 +15,9 @@ Scene = tuple[np.float32, np.float32, Numbers, Numbers]
 Sums = tuple[Numbers, Numbers, Numbers, Numbers]
 
 # A residual is an error of one pixel if its square exceeds this multiple of the mean square around
-# it, as that of one normal residual in 370 does.
+# it: three standard deviations.
 PIXEL_OUTLIER = np.float32(9.0)
-# Least squared ratio of a pixel value to its noise from which the factor that divided it is
-# computed.
+# Least squared ratio of a value to its noise at which its flat-field factor can be computed.
 MIN_SQUARED_SNR = np.float32(4.0)
 # Exponents of the lobes of gloss: 2^3 to 2^7.
 FIRST_POWER, POWERS = 3, 5
@@ -40,20 +39,18 @@ def propagate_errors(
     p_sd: Array, q_sd: Array, albedo_sd: Array, angle_sd: Array,
 ) -> None:  # fmt: skip
     """Write the deviations of some rows."""
-    # `raw` are the pixel values before they were divided, None if they were not; `corrections` (4,
-    # 3) the columns of pinv / nul, and `unit_covariances` (2, 6) the covariances of b from errors
-    # of variance 1: of each image, and of the ambient image. Where a light was left out, lobes are
-    # those of slopes times `lobe_slope_factor`; `strengths` is None where there is no gloss.
-    # `model_error` is a variance over squared brightness.
-    shear, sensor = (plane[0], plane[1], plane[2]), (noise[0], noise[1], noise[2])
-    covariances, removal_columns = (
-        (_six(unit_covariances[0]), _six(unit_covariances[1])),
-        _four(corrections),
-    )
+    # `raw` are the pixel values before the flat field divided them, None if none did. The rows of
+    # `corrections` (4, 3) are the columns of pinv / nul. `unit_covariances` (2, 6) are those of b
+    # from errors of variance 1 of each image, and of the ambient image. Where a light was left out,
+    # lobes are those of slopes times `lobe_slope_factor`; `strengths` is None where there is no
+    # gloss. `model_error` is a variance over squared brightness.
+    shear, sensor = _three(plane), _three(noise)
+    covariances = _six(unit_covariances[0]), _six(unit_covariances[1])
+    correction_columns = _four(corrections)
     zero, one = np.float32(0.0), np.float32(1.0)
-    number = np.float32(len(lights))
-    shares = (one / number, one / max(number - np.float32(3.0), one))
-    constants = (number, np.float32(len(ambient) > 1), lights[0][0])
+    count = np.float32(len(lights))
+    shares = (one / count, one / max(count - np.float32(3.0), one))
+    constants = (count, np.float32(len(ambient) > 1), lights[0][0])
     no_sums = (
         (zero, zero, zero, zero, zero, zero), (zero, zero, zero, zero), (zero, zero, zero),
         (zero, zero, np.float32(np.inf), np.float32(NO_DROPPED_LIGHT)),
@@ -76,7 +73,7 @@ def propagate_errors(
                     gloss = _add_gloss(pixel, factor, _light(lights[k]), strengths, gloss)
             p_sd[r, c], q_sd[r, c], albedo_sd[r, c], angle_sd[r, c] = _deviations(
                 scene, sums, None if strengths is None else gloss, constants, shares, leaves_out,
-                covariances, removal_columns, np.float32(dropped[r, c]), model_error[r, c],
+                covariances, correction_columns, np.float32(dropped[r, c]), model_error[r, c],
             )  # fmt: skip
 
 
@@ -130,7 +127,7 @@ def _add_light(
     gain, lx, ly, lz, mx, my, mz, nul, redundancy, _ = light
     (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
     energy, expected, total = residuals
-    high, second, low, unused = darkness
+    high, second, low, darkest = darkness
     v = gain * (image - dark)
     if raw is None:
         pixel_value, ratio = image, gain
@@ -148,7 +145,7 @@ def _add_light(
         (energy + error * error, expected + redundancy * variance, total + v),
         (
             max(high, v), max(second, min(high, v)),
-            min(low, level), index if level < low else unused,
+            min(low, level), index if level < low else darkest,
         ),
     )  # fmt: skip
 
@@ -184,7 +181,7 @@ def _add_gloss(
 @kernel_part
 def _deviations(
     scene: Scene, sums: Sums, gloss: Numbers | None, constants: Numbers, shares: Numbers,
-    leaves_out: bool, covariances: tuple[Numbers, ...], removal_columns: tuple[Numbers, ...],
+    leaves_out: bool, covariances: tuple[Numbers, ...], correction_columns: tuple[Numbers, ...],
     dropped: np.float32, model_error: np.float32,
 ) -> Numbers:  # fmt: skip
     """Deviations of p, q, albedo and the normal."""
@@ -193,7 +190,7 @@ def _deviations(
     (xx, xy, xz, yy, yz, zz), (dx, dy, dz, d), residuals, darkness = sums
     energy, expected, total = residuals
     high, second, low, darkest = darkness
-    number, has_ambient, gain = constants
+    count, has_ambient, gain = constants
     zero, half, one, none = (
         np.float32(0.0), np.float32(0.5), np.float32(1.0), np.float32(NO_DROPPED_LIGHT),
     )  # fmt: skip
@@ -201,7 +198,7 @@ def _deviations(
     dark_variance = a + b * max(dark - black, zero)
     noise = DARK * gain * np.sqrt((has_ambient + one) * dark_variance)
     is_dark = low <= max(min(noise, half * high), LEAK * second)
-    is_shadowed = (dropped == none) & is_dark & (leaves_out | (number == np.float32(4.0)))
+    is_shadowed = (dropped == none) & is_dark & (leaves_out | (count == np.float32(4.0)))
     unused = darkest if is_shadowed else dropped
     per_light, per_degree = shares
     mean = total * per_light
@@ -211,7 +208,7 @@ def _deviations(
     model += pixel_error if is_pixel_error else zero
     # Covariance of b. Without light k the solution is M - L+[:, k] nul^T / nul_k; if k is in shadow
     # and used, its error is r / nul_k.
-    tx, ty, tz = _column(unused, removal_columns)
+    tx, ty, tz = _column(unused, correction_columns)
     left_out = np.float32(leaves_out)
     d = half * (left_out * (d + model) + (one - left_out) * energy)
     ex, ey, ez = d * tx - left_out * dx, d * ty - left_out * dy, d * tz - left_out * dz
@@ -223,7 +220,7 @@ def _deviations(
     yy += from_image[3] * model + from_ambient[3] * dark_variance + (ey * ty + ey * ty)
     yz += from_image[4] * model + from_ambient[4] * dark_variance + (ey * tz + ez * ty)
     zz += from_image[5] * model + from_ambient[5] * dark_variance + (ez * tz + ez * tz)
-    # Derivatives of -b_z p, -b_z q and |b| / n_z by b'; each in its z component is p, q, 1.
+    # Derivatives of -b_z p, -b_z q and |b| / n_z by b'. Their z components are p, q and 1.
     of_p, of_q, of_n = cx + p * cz, cy + q * cz, cz - cx * p - cy * q
     px, py, qx, qy = one + of_p * x, of_p * y, of_q * x, one + of_q * y
     nx, ny = of_n * x - p, of_n * y - q
@@ -304,7 +301,7 @@ def write_repaired(
                         count += 1
             if count:
                 break
-        # Half of it is the variance of p, half that of q.
+        # A squared step is the sum of those of p and q.
         variance = total * np.float32(1 + distance) / np.float32(2 * count) if count else 1.0
         deviation = np.sqrt(np.float32(variance))
         square = np.float32(1.0) + p[y, x] * p[y, x] + q[y, x] * q[y, x]

@@ -11,8 +11,8 @@ from classify.shadow_rule import SHADOW_FLOOR, SHADOW_FRACTION
 # counts as at least `_HIGHLIGHT_FLOOR` times the albedo: the counterpart of the shadow rule.
 # tests/classify/surface/test_diagnostics.py tests both.
 _HIGHLIGHT_FRACTION, _HIGHLIGHT_FLOOR = np.float32(1.5), np.float32(0.2)
-# Its ratio to the prediction also exceeds that of a typical pixel under its light by this many
-# robust standard deviations; of 72 lights of a matt surface one does so at 0.2 % of the pixels.
+# Its ratio to the prediction also exceeds the median ratio of its light by this many robust
+# standard deviations. Of 72 lights of a matt surface, one has such pixels: 0.2 % of the frame.
 _HIGHLIGHT_DEVIATIONS = 4.0
 
 

@@ -38,7 +38,7 @@ class SurfaceEstimate:
     p, q
         float32 gradients dz/dx and dz/dy (y up); 0 where no slope can be determined.
     albedo
-        float32, as a fraction of full scale if that is known, else in units of the images.
+        float32, as a fraction of full scale, or in units of the images if that is not known.
     valid
         bool, false where no slope can be determined: fewer than three of the lights used are out
         of shadow (fewer than two for ps4_robust, which repairs), a light used is saturated, the
@@ -195,7 +195,7 @@ class SurfaceEstimate:
         return self._shadows_and_highlights[1]
 
     @property
-    def even_images(self) -> Array | None:
+    def solved_images(self) -> Array | None:
         """(N, H, W) images as solved: divided by `divided_by`; None without images."""
         if self.images is None or self.divided_by is None:
             return self.images
@@ -330,14 +330,14 @@ class SurfaceEstimate:
 def inscribed_square(mask: BoolArray) -> tuple[slice, slice]:
     """Rows and columns of the largest square in which an (H, W) mask is true."""
     # Chessboard distance to the nearest false pixel; all pixels beyond the border are false.
-    steps = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_C, 3)[1:-1, 1:-1]
-    reach = int(steps.max())
+    distances = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_C, 3)[1:-1, 1:-1]
+    radius = int(distances.max())
     # A square of an even side has four middle pixels.
-    pairs = np.minimum(steps[:-1], steps[1:])
-    middles = np.minimum(pairs[:, :-1], pairs[:, 1:])
-    is_even = reach > 0 and middles.max(initial=0.0) == reach
-    chosen = middles if is_even else steps
-    row, column = np.unravel_index(np.argmax(chosen), chosen.shape)
-    side = 2 * reach - (not is_even)
-    top, left = int(row) - reach + 1, int(column) - reach + 1
+    pairs = np.minimum(distances[:-1], distances[1:])
+    of_four = np.minimum(pairs[:, :-1], pairs[:, 1:])
+    is_even = radius > 0 and of_four.max(initial=0.0) == radius
+    centres = of_four if is_even else distances
+    row, column = np.unravel_index(np.argmax(centres), centres.shape)
+    side = 2 * radius if is_even else 2 * radius - 1
+    top, left = int(row) - radius + 1, int(column) - radius + 1
     return slice(top, top + side), slice(left, left + side)

@@ -35,8 +35,8 @@ from .estimate import SurfaceEstimate
 # steps of the Gaussian that averages them: about a hundred residuals count in each estimate.
 _SAMPLES = 8_192
 _BLUR_STEPS = 3.0
-# Relative standard error, sqrt(2 / n), of a variance from n = 4 pi _BLUR_STEPS**2 residuals: a
-# smaller excess can be chance.
+# Relative standard error, sqrt(2 / n), of a variance from n = 4 pi _BLUR_STEPS**2 residuals. A
+# smaller excess over the noise can be chance.
 _VARIANCE_ERROR = np.sqrt(2.0 / (4.0 * np.pi)) / _BLUR_STEPS
 # Weight of the mean of the frame in a local mean, for places without usable pixels nearby.
 _FRAME_WEIGHT = np.float32(1e-3)
@@ -49,8 +49,8 @@ _GLOSS_SLOPE_FACTOR = np.float32(0.55)
 _MIN_MATT_SHARE = np.float32(0.1)
 _MAX_UNROLLED_LIGHTS = 8  # lights; loops over more take long to compile
 # Least significance of a lobe in standard deviations. With four lights, which have one residual,
-# lobes tie if they reduce chi squared by at least `_TIE_SHARE` of the largest reduction (gloss in
-# classify/DECISIONS.md).
+# lobes tie if they reduce chi squared by at least `_TIE_SHARE` of the largest reduction: see "Gloss
+# in standard deviations" in classify/DECISIONS.md.
 _MIN_LOBE_SIGMAS, _TIE_SHARE = 5.0, 0.97
 
 

@@ -282,7 +282,7 @@ def test_images_are_compared_as_divided_by_the_sheet() -> None:
     lighting = near(RING, 2.0)
     images = lit_by(lighting, *slopes(10, 0.3))
     plain = photometric_stereo(images, RING)
-    assert plain.even_images is plain.images
+    assert plain.solved_images is plain.images
     flat_field = sheet_of(lighting, SHAPE)
     surface = photometric_stereo(images, RING, flat_field=flat_field)
     strengths = flat_field.facing(RING).strengths(*map(np.arange, SHAPE), SHAPE)
