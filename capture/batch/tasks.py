@@ -230,7 +230,7 @@ def solve_set(
         saturated=saturated,
         shadowed=shadowed,
         planar=planar,
-        fall_off=None if flat_fall_off is None else flat_fall_off.share,
+        fall_off=None if flat_fall_off is None else flat_fall_off.largest_fall_off,
         led_levels=None if levels is None else tuple(np.round(levels, 4).tolist()),
         simulated=captured.metadata.simulated,
         lights=len(captured.images),

@@ -179,7 +179,7 @@ def _calibration(
 def _fall_off_text(fall_off: FlatField | None) -> str:
     if fall_off is None:
         return "too little of it is lit: no fall-off divided out"
-    return f"fall-off of {fall_off.share:.0%} divided out, with any tilt or bow"
+    return f"fall-off of {fall_off.largest_fall_off:.0%} divided out, with any tilt or bow"
 
 
 def _levels(levels: Floats) -> str:

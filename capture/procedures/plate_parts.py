@@ -79,12 +79,12 @@ def _flat_field(measured: MeasuredPlate, setting: Setting, source: Sequence[str]
     levels = np.exp(fitted.flat_field.coefficients[:, 0, 0])
     quality = (
         f"The flat field is known to {stated_error(fitted.error, 2)}. Lights fall off by up to "
-        f"{fitted.flat_field.share:.0%} over the frame, and differ by "
+        f"{fitted.flat_field.largest_fall_off:.0%} over the frame, and differ by "
         f"{levels.max() / levels.min() - 1.0:.0%} in its middle."
     )
     figures = {
         "error_percent": 100.0 * fitted.error,
-        "fall_off_percent": 100.0 * fitted.flat_field.share,
+        "fall_off_percent": 100.0 * fitted.flat_field.largest_fall_off,
         "degree": float(max(fitted.degree)),
         "unused_percent": 100.0 * fitted.unused,
         "sheet_tilt_deg": float(measured.tilts_deg.max()),

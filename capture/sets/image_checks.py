@@ -58,7 +58,7 @@ class LightImages:
         lighting, full_scale = calibration.lighting_of(self.lighting), self.full_scale
         noise = calibration.noise_of(self.noise, has_ambient=True)
         if calibration.flat_field is not None:
-            divisor = calibration.flat_field.facing(lighting)
+            divisor = calibration.flat_field.without_cosines(lighting)
             stack = divisor.divide(stack, full_scale)
             full_scale = float(divisor.saturation(full_scale))
             lighting = replace(lighting, intensities=np.ones(len(lighting)))

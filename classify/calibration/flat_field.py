@@ -21,7 +21,7 @@ from classify.lights.flat_field import (
     normal_equations,
     powers,
     prediction_error,
-    solved,
+    solve_normal_equations,
 )
 
 # Blocks along each side of the frame, and largest number of cells along the side of a block. Within
@@ -289,7 +289,7 @@ def _refined(
     for _ in range(_ROUNDS):
         means, weights, *_ = _combined(targets - _evaluated(refined, degree, basis), usable)
         gram, right = normal_equations(basis, means, weights)
-        refined[:, i, j] += solved(gram.sum(axis=0), right.sum(axis=0)).T
+        refined[:, i, j] += solve_normal_equations(gram.sum(axis=0), right.sum(axis=0)).T
     return refined
 
 

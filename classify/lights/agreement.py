@@ -32,7 +32,7 @@ from .led_levels import MATT, fit_levels
 # clean sets. tests/classify/lights/test_agreement.py tests the first, tests/capture/acquisition/
 # test_clean_sets.py and test_fault_matrix.py test both.
 
-# Columns that are compared in every row, because a camera mixes frames by rows; and rows that are
+# Number of columns compared in every row, because a camera mixes frames by rows; and of rows
 # compared in every column, because rotated images must give the same result.
 _MAX_COLUMNS = 256
 _MIN_SAMPLES = 200
@@ -76,8 +76,8 @@ def split_by_redundancy_sign(lighting: Lighting) -> tuple[tuple[int, ...], tuple
     except InputError:
         half = (len(lighting) + 1) // 2
         return tuple(lights[:half]), tuple(lights[half:])
-    like = tuple(light for light in lights if null[light] * null[0] > 0.0)
-    return like, tuple(light for light in lights if light not in like)
+    same_sign = tuple(light for light in lights if null[light] * null[0] > 0.0)
+    return same_sign, tuple(light for light in lights if light not in same_sign)
 
 
 def light_agreement(
@@ -98,20 +98,20 @@ def light_agreement(
     if noise is None:
         gains = (1.0 / lighting.intensities).astype(np.float32)
         sigma = noise_of_images(ImageStack(images, ambient), gains, lighting)
-    compared = partial(_compare, images, ambient, lighting, null, full_scale, noise or sigma)
+    compare = partial(_compare, images, ambient, lighting, null, full_scale, noise or sigma)
     step = max(1, math.ceil(math.sqrt(rows * columns / _MAX_SAMPLES)))
-    grid = compared(symmetric_samples(rows, step), symmetric_samples(columns, step))
-    terms, noises = grid.normed()
+    grid = compare(symmetric_samples(rows, step), symmetric_samples(columns, step))
+    terms, variances = grid.normalised()
     frame_levels, *half_levels = map_in_threads(
-        lambda part: _fit(terms.take(part, axis=1), noises.take(part, axis=1)),
+        lambda part: _fit(terms.take(part, axis=1), variances.take(part, axis=1)),
         [*_parts(grid.lit)],
     )
-    known = [levels for levels in half_levels if levels is not None]
-    if frame_levels is not None and not all(map(frame_levels.agrees_with, known)):
+    determined = [levels for levels in half_levels if levels is not None]
+    if frame_levels is not None and not all(map(frame_levels.agrees_with, determined)):
         frame_levels = None
     levels = np.ones(4) if frame_levels is None else frame_levels.levels
-    by_rows = compared(np.arange(rows), _spread_indices(columns))
-    by_columns = compared(_spread_indices(rows), np.arange(columns))
+    by_rows = compare(np.arange(rows), _spread_indices(columns))
+    by_columns = compare(_spread_indices(rows), np.arange(columns))
     deviation, variance = by_columns.corrected(levels)
     return LightAgreement(
         redundancy_residual=max(
@@ -129,15 +129,15 @@ class _Comparison:
     """Terms of the redundancy residual at some pixels, in shares of the brightness."""
 
     terms: FloatMap  # (4, R, C) weighted values
-    noises: FloatMap  # (4, R, C) variance of the terms
+    variances: FloatMap  # (4, R, C) noise variance of the terms
     lit: BoolArray  # (R, C) whether all four lights reach a pixel
 
-    def normed(self) -> tuple[FloatMap, FloatMap]:
-        """(4, R C) terms and noises for `fit_levels`."""
-        variance = self.noises.sum(axis=0) + MATT**2
+    def normalised(self) -> tuple[FloatMap, FloatMap]:
+        """(4, R C) terms and variances for `fit_levels`."""
+        total = self.variances.sum(axis=0) + MATT**2
         return (
-            (self.terms / np.sqrt(variance)).reshape(4, -1),
-            (self.noises / variance).reshape(4, -1),
+            (self.terms / np.sqrt(total)).reshape(4, -1),
+            (self.variances / total).reshape(4, -1),
         )
 
     def corrected(self, levels: Floats) -> tuple[FloatMap, FloatMap]:
@@ -145,7 +145,7 @@ class _Comparison:
         factors = (1.0 / levels).astype(np.float32)
         residual, variance = (
             (weights @ values.reshape(4, -1)).reshape(self.lit.shape)
-            for weights, values in ((factors, self.terms), (np.square(factors), self.noises))
+            for weights, values in ((factors, self.terms), (np.square(factors), self.variances))
         )
         variance += MATT**2
         return residual, variance
@@ -170,13 +170,13 @@ def _compare(
         squares = np.ones(4, np.float32)
         variance = np.array([max(noise**2, ROUNDING_VARIANCE), 0.0, 0.0], np.float32)
     means = gains * (raw.mean(axis=(1, 2)) - dark.mean())
-    noises, lit = np.empty_like(raw), np.empty(dark.shape, np.bool_)
+    variances, lit = np.empty_like(raw), np.empty(dark.shape, np.bool_)
     _weigh(
         raw, dark, gains, np.maximum(means, np.float32(1e-6)),
         (null / np.abs(null).mean()).astype(np.float32), squares, variance,
-        np.float32(full_scale), noises, lit,
+        np.float32(full_scale), variances, lit,
     )  # fmt: skip
-    return _Comparison(raw, noises, lit)
+    return _Comparison(raw, variances, lit)
 
 
 def _subset(
@@ -192,7 +192,7 @@ def _subset(
 def _weigh(
     values: FloatMap, dark: FloatMap, gains: FloatMap, means: FloatMap, null: FloatMap,
     squares: FloatMap, variance: FloatMap, full_scale: np.float32,
-    noises: FloatMap, lit: BoolArray,
+    variances: FloatMap, lit: BoolArray,
 ) -> None:  # fmt: skip
     """Replace `values` (4, R, C) by the terms of the residual; write their variances and `lit`."""
     # The variance of a value is `squares` (4,) times a + b (value - black).
@@ -207,7 +207,7 @@ def _weigh(
             gain, relative_gain = gains[k], gains[k] / means[k]
             for c in range(columns):
                 value = values[k, r, c]
-                noises[k, r, c] = squares[k] * (a + b * max(value - black, zero))
+                variances[k, r, c] = squares[k] * (a + b * max(value - black, zero))
                 lit[r, c] &= value < full_scale
                 value -= dark[r, c]
                 values[k, r, c] = gain * value
@@ -222,7 +222,7 @@ def _weigh(
             for c in range(columns):
                 weight = null[k] * total[c]
                 values[k, r, c] *= weight
-                noises[k, r, c] *= weight * weight
+                variances[k, r, c] *= weight * weight
 
 
 def image_difference(
@@ -332,11 +332,11 @@ def _parts(lit: BoolArray) -> Iterator[Indices]:
         yield np.flatnonzero(inside)
 
 
-def _fit(terms: FloatMap, noises: FloatMap) -> _Levels | None:
+def _fit(terms: FloatMap, variances: FloatMap) -> _Levels | None:
     """Levels that reduce the residual to noise, or None; arguments as of `fit_levels`."""
     if terms.shape[1] < _MIN_SAMPLES:
         return None
-    fit = fit_levels(terms, noises, _LEVEL_SPREAD)
+    fit = fit_levels(terms, variances, _LEVEL_SPREAD)
     if fit.typical_residual > _MAX_TYPICAL_RESIDUAL or fit.factors.min() < _MIN_FACTOR:
         return None
     levels = 1.0 / fit.factors

@@ -31,7 +31,7 @@ from .flat_field import (
     normal_equations,
     powers,
     prediction_error,
-    solved,
+    solve_normal_equations,
 )
 
 # Samples and blocks along each side of the frame. The means of blocks are fitted, so that relief
@@ -51,7 +51,7 @@ _TERMS = _HIGHER_DEGREE + 1
 _CLEARLY_BETTER, _MIN_REDUNDANT_SHARE = 0.5, 0.05
 # A pixel darker than this share of the bright ones does not count: its ratio is that of noise to
 # noise (tests/classify/lights/test_fall_off.py, a part beside a black board).
-_DARK, _BRIGHT = 0.05, 0.95
+_DARK, _BRIGHT_QUANTILE = 0.05, 0.95
 # Least number of lit blocks for a fit: an eighth of the frame. The polynomial of degree 2 has 6
 # terms, and some of the blocks lie on a line.
 _MIN_BLOCKS = 32
@@ -69,14 +69,14 @@ def fall_off(
 ) -> FlatField | None:
     """Fit the fall-off of the lights over a planar part; None if too little is lit."""
     grid = _Grid.of(stack.shape)
-    flat = lighting.directions[:, 2] * lighting.intensities
+    level_values = lighting.directions[:, 2] * lighting.intensities
     values = np.empty((len(lighting), _SAMPLES, _SAMPLES), np.float32)
     usable = np.ones((_SAMPLES, _SAMPLES), np.bool_)
     if mask is not None:
         usable[:] = mask[grid.rows[:, None], grid.columns]
     _read_samples(
         stack.images, stack.dark_rows, grid.rows, grid.columns,
-        (flat.mean() / flat).astype(np.float32),
+        (level_values.mean() / level_values).astype(np.float32),
         np.float32(np.inf if full_scale is None else full_scale), values, usable,
     )  # fmt: skip
     samples = values, usable, grid.x, grid.y
@@ -144,7 +144,7 @@ def _read_samples(
                 brightness[r, c] += share * values[k, r, c]
                 usable[r, c] &= raw[c] < saturation
     brightness = np.maximum(brightness, zero)
-    usable &= brightness > np.float32(_DARK) * _quantile(brightness, _BRIGHT)
+    usable &= brightness > np.float32(_DARK) * _quantile(brightness, _BRIGHT_QUANTILE)
 
 
 @kernel
@@ -185,7 +185,7 @@ def _refine(
     for step_number in range(_ROUNDS):
         _block_means(values, usable, x, y, coefficients, means, weights)
         gram, right = normal_equations(basis, means, weights)
-        step = solved(gram.sum(axis=0), right.sum(axis=0))
+        step = solve_normal_equations(gram.sum(axis=0), right.sum(axis=0))
         if step_number > 0:
             change = previous_step - step
             factor *= (previous_step * change).sum() / max((change * change).sum(), _TINY)
@@ -212,8 +212,9 @@ def _block_means(
 def _residuals(
     values: Array, usable: Array, factors: Array, x: Array, residuals: Array, squares: Array
 ) -> None:
-    """Write the residuals, value / mean of all lights - 1, and the means over the lights of their
-    squares (n, n), infinite where not usable; `factors` (N, n, 5) are those of `_row_factors`.
+    """Write the residuals, value / mean of all lights - 1, and their mean squares.
+
+    `squares` (n, n) are infinite where not usable. `factors` (N, n, 5) are of `_row_factors`.
     """
     lights, rows, columns = values.shape
     zero, one, share = np.float32(0.0), np.float32(1.0), np.float32(1.0 / lights)
@@ -307,8 +308,7 @@ def _positions(count: int) -> Indices:
 
 
 def _excludes_relief(lighting: Lighting, means: Floats, weights: Floats) -> bool:
-    """Whether relief cannot explain the residuals."""
-    # Relief cancels in redundant combinations of four lights.
+    """Whether relief cannot explain the residuals: it cancels in redundant combinations."""
     directions = lighting.directions / lighting.directions[:, 2:]
     cancelling = np.linalg.svd(directions.T)[2][3:]
     redundant = np.tensordot(cancelling, means, 1)

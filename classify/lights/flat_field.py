@@ -17,8 +17,8 @@ from classify.lighting import Lighting
 # (tests/classify/calibration/test_flat_field.py).
 TERMS = 7
 _MAX_LOGARITHM = 80.0  # exp(88.7) overflows float32
-# Strengths are computed in three rows of each of these intervals of the longer side, and by a
-# parabola between them. The error is up to 3e-6 where light falls off by half, a fraction of a
+# Number of intervals of the longer side. Strengths are computed in three rows of an interval, and
+# by a parabola between them. The error is up to 3e-6 where light falls off by half, a fraction of a
 # digit of 16 bits.
 _INTERVALS = 64
 
@@ -54,7 +54,7 @@ class FlatField:
             )
 
     @property
-    def share(self) -> float:
+    def largest_fall_off(self) -> float:
         """Largest relative fall-off of a light, from its brightest to its darkest point."""
         return float(1.0 - np.exp(self.bounds[:, 0] - self.bounds[:, 1]).min())
 
@@ -91,7 +91,7 @@ class FlatField:
         )
         return FlatField(coefficients, bounds)
 
-    def facing(self, lighting: Lighting) -> "FlatField":
+    def without_cosines(self, lighting: Lighting) -> "FlatField":
         """Divide each light by its cosine of incidence; the geometric mean of all stays."""
         if len(self.coefficients) != len(lighting):
             raise InputError(
@@ -174,7 +174,7 @@ def _multiply(
     first: int, images: Array, dark: Array, coefficients: Array, bounds: Array, x: Array, y: Array,
     saturation: np.float32, top: np.float32, product: Array,
 ) -> None:  # fmt: skip
-    """Write `dark` + (images - `dark`) * factor to (N, n, W) `product`, from row `first` on."""
+    """Write `dark` + (images - `dark`) * factor to `product` (N, n, W), from row `first` on."""
     # The factor is exp of the polynomial with `coefficients` (N, 7, 7) of y^i x^j, clipped to
     # `bounds`. Pixels that reach `saturation` get the value `top`.
     lights, rows, columns = product.shape
@@ -274,8 +274,8 @@ def exponents(degree: int) -> tuple[Indices, Indices]:
 FOLDS = 4
 """Cross-validation has 4 x 4 folds, each a part of the frame; one is left out at a time."""
 
-# Ridge as a share of the trace of the normal equations: a narrow frame does not determine the
-# powers of its short coordinate.
+# Ridge as a share of the trace of the normal equations. Without it, a narrow frame does not
+# determine the powers of its short coordinate.
 _RIDGE = 1e-6
 _TINY = 1e-30  # makes all-zero normal equations solvable
 
@@ -311,7 +311,7 @@ def normal_equations(basis: Array, means: Array, weights: Array) -> tuple[Array,
 
 
 @kernel
-def solved(gram: Array, right: Array) -> Array:
+def solve_normal_equations(gram: Array, right: Array) -> Array:
     """(terms, N) coefficients from the lower half of normal equations, with a small ridge."""
     terms, lights = right.shape
     ridge = _RIDGE * np.trace(gram) + _TINY
@@ -339,7 +339,7 @@ def prediction_error(basis: Array, means: Array, weights: Array) -> float:
     gram, right = normal_equations(basis, means, weights)
     total_gram, total_right, error = gram.sum(axis=0), right.sum(axis=0), 0.0
     for fold in range(len(basis)):
-        solution = solved(total_gram - gram[fold], total_right - right[fold])
+        solution = solve_normal_equations(total_gram - gram[fold], total_right - right[fold])
         for block in range(basis.shape[1]):
             for k in range(len(means)):
                 difference = means[k, fold, block]

@@ -70,23 +70,22 @@ class _LevelFit:
     agreeing: Floats  # (n,) 1 where the residual is within 3 times that, else 0
 
 
-def fit_levels(terms: FloatMap, noises: FloatMap, level_spread: float) -> _LevelFit:
+def fit_levels(terms: FloatMap, variances: FloatMap, level_spread: float) -> _LevelFit:
     """Fit the factors w of mean 1 that make w . terms noise of variance 1."""
     # Total least squares: `terms` (4, n) are nul_k i_k over the standard deviation of their sum,
-    # `noises` the part of each square that is noise, `level_spread` the prior standard deviation of
-    # levels.
-    terms_64, noises_64 = terms.astype(np.float64), noises.astype(np.float64)
+    # `variances` their noise variances, and `level_spread` the prior standard deviation of levels.
+    terms_64, variances_64 = terms.astype(np.float64), variances.astype(np.float64)
     # Weights of 0 or 1, because copying the samples that agree takes longer.
     agreeing = np.ones(terms.shape[1])
     for _ in range(_ROUNDS):
         # Second moments of the terms, less those of the noise.
-        moments = (agreeing * terms_64) @ terms_64.T - np.diag(noises_64 @ agreeing)
+        moments = (agreeing * terms_64) @ terms_64.T - np.diag(variances_64 @ agreeing)
         values, vectors = np.linalg.eigh(moments + np.eye(4) / level_spread**2)
         inverse = (vectors / np.maximum(values, 1.0)) @ vectors.T
         # The conditions for a minimum with a fixed sum: w = inverse (1 / spread^2 + multiplier).
         row_sums = inverse.sum(axis=1)
         factors = row_sums * (4.0 / row_sums.sum())
-        variance = np.square(factors) @ noises_64 + _SURFACE_VARIANCE
+        variance = np.square(factors) @ variances_64 + _SURFACE_VARIANCE
         squares = np.square(factors @ terms_64) / variance
         typical = SIGMA_PER_MAD * math.sqrt(_median(squares))
         agreeing = (squares <= (_OUTLIER * max(1.0, typical)) ** 2).astype(np.float64)
@@ -125,8 +124,8 @@ def level_corrections(
 ) -> FloatMap:
     """Factors (4,) of mean 1 that correct images of LEDs of unknown levels.
 
-    They are those of `fit_levels` if these explain the residual, else those by which the part is
-    level on average. `variance` (3,) is a, b and black of the variance a + b (value - black).
+    They are of `fit_levels` if its factors explain the residual, else of `_levels_by_brightness`.
+    `variance` (3,) is a, b and black of the variance a + b (value - black).
     """
     no_correction = np.ones(4, np.float32)
     values, count = lit.values, lit.values.shape[1]
@@ -134,14 +133,14 @@ def level_corrections(
         return no_correction
     pinv, null = drop_one_constants(lighting, "level_corrections")
     a, b, black = variance
-    noises = np.square(null * gains).astype(np.float32)[:, None] * (
+    variances = np.square(null * gains).astype(np.float32)[:, None] * (
         a + b * np.maximum(lit.raw - black, np.float32(0.0))
     )
-    spread = np.hypot(np.sqrt(noises.sum(axis=0)), MATT * values.max(axis=0))
+    spread = np.hypot(np.sqrt(variances.sum(axis=0)), MATT * values.max(axis=0))
     terms = null.astype(np.float32)[:, None] * values / spread
     if np.count_nonzero(np.abs(terms.sum(axis=0)) < _MEDIAN_OF_NOISE) > count // 2:
         return no_correction
-    fit = fit_levels(terms, noises / spread / spread, _LEVEL_SPREAD)
+    fit = fit_levels(terms, variances / spread / spread, _LEVEL_SPREAD)
     before, after = (
         float(np.average(np.square(factors @ terms), weights=fit.agreeing))
         for factors in (no_correction, fit.factors)
@@ -149,20 +148,20 @@ def level_corrections(
     is_explained = after <= _MAX_MEAN_SQUARE and before >= _MIN_GAIN * after
     if is_explained and np.abs(fit.factors - 1.0).max() <= _MAX_CORRECTION:
         return np.asarray(fit.factors, np.float32)
-    factors = 1.0 / _levels_of_a_level_part(values, pinv, null, lighting.directions)
+    factors = 1.0 / _levels_by_brightness(values, pinv, null, lighting.directions)
     return np.asarray(factors / factors.mean(), np.float32)
 
 
-def _levels_of_a_level_part(
+def _levels_by_brightness(
     values: FloatMap,
     pinv: Floats,
     null: Floats,
     directions: Floats,
 ) -> Floats:
-    """Levels (4,) of the LEDs, if the part is level on average.
+    """Levels (4,) of the LEDs, if the mean slope of the part is about 0.
 
-    The median log ratios are g + A t with A = -l_xy / l_z, log levels g and mean slopes t, both
-    with normal priors; the levels are those of the posterior mean of g.
+    The median log ratios are g + A t with A = -l_xy / l_z, log levels g and mean slopes t. Both
+    have normal priors. The levels are those of the posterior mean of g.
     """
     vertical = directions[:, 2]
     logarithms = np.log(values / vertical.astype(np.float32)[:, None])

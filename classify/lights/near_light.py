@@ -30,8 +30,8 @@ from classify.lighting import Lighting
 
 from .flat_field import TERMS, FlatField, powers
 
-# Margin of the bounds, which are from a grid: the logarithm of a strength differs by less between
-# neighbours.
+# Margin of bounds that come from a grid of points: between neighbours the logarithm of a strength
+# differs by less.
 _MARGIN = 0.05
 
 

@@ -257,8 +257,10 @@ def _opposite(lighting: Lighting) -> Order | None:
 
 @lru_cache(maxsize=8)
 def _equivalent_orders(opposite: Order) -> tuple[BoolArray, BoolArray]:
-    """(24, 24) whether two orders have the same opposite pairs, and whether they are equal."""
-    # Equal up to a rotation by 180 degrees.
+    """(24, 24) each: whether two orders have the same opposite pairs; whether they are equal.
+
+    Orders that differ by a rotation by 180 degrees count as equal.
+    """
 
     def pairs(order: Order) -> set[frozenset[int]]:
         return {frozenset((image, order.index(opposite[order[image]]))) for image in range(4)}

@@ -50,13 +50,13 @@ _CLEARLY_LESS = 2.0
 # It also refutes it if its curl is `_CLEARLY_LESS_CURL` times smaller, and below `_LITTLE_CURL`,
 # which is less than chance. With the true order the same choices reach 1.12.
 _CLEARLY_LESS_CURL, _LITTLE_CURL = 1.25, 0.8
-# Largest ratio of the other of the two measures to that of the given order.
+# An order that refutes the given one by residual or curl may have the other larger by this factor.
 _MAX_OTHER_RATIO = 1.1
-# Two lights of five or more were exchanged if that makes the residual of their images
+# Two lights of five or more count as exchanged if their exchange makes the residual of their images
 # `_MIN_EXCHANGE_GAIN` times smaller, to at most `_MAX_EXCHANGED_RESIDUAL` of their contrast. With
 # the true order, the photographs `icon_rti72` reach 1.26 and 0.77.
 _MIN_EXCHANGE_GAIN, _MAX_EXCHANGED_RESIDUAL = 1.5, 0.6
-# Number of lights with the largest residuals of which pairs are tried, as there are N^2 / 2 pairs.
+# Number of lights with the largest residuals whose pairs are tried: all pairs would be N^2 / 2.
 _SUSPECTS = 16
 # An image has detail if its rms contrast is at least `_MIN_DETAIL` (less is noise of the
 # compression), and its variance at least `_ABOVE_NOISE` times that of white noise.
@@ -70,7 +70,7 @@ class _Shading:
     """Second moments of the contrasts of N images, at each scale from fine to coarse."""
 
     contrasts: tuple[Floats, ...]  # (N, N), at pixels lit by all
-    noises: tuple[Floats, ...]  # (N,) upper bound of the variance that is white noise
+    noise_variances: tuple[Floats, ...]  # (N,) upper bounds of white noise
     shadings: tuple[Floats, ...]  # (N, N) of the shading: contrasts less their mean over the lights
     steps: tuple[Floats, ...]  # (2N, 2N) of differences of shading to the next pixel, right then up
 
@@ -91,29 +91,29 @@ def shading_of(
 ) -> _Shading:
     """Compute the `_Shading` of images (N, H, W) that are linear in light."""
     u, usable, lit = _contrasts(images, ambient, full_scale, mask)
-    contrasts, noises, shadings, steps = [], [], [], []
-    noise = np.array([_noise_variance(plane, usable) for plane in u])
+    contrasts, variances, shadings, steps = [], [], [], []
+    variance = np.array([_noise_variance(plane, usable) for plane in u])
     while True:
         if np.count_nonzero(lit) >= _MIN_SAMPLES:
             contrasts.append(_moments(u[:, lit]))
-            noises.append(noise)
+            variances.append(variance)
             relief = u - u.mean(axis=0)
             shadings.append(_moments(relief[:, lit]))
             steps.append(_moments(_steps(relief, lit)))
         if min(usable.shape) < 2 * _COARSEST_PX:
-            return _Shading(tuple(contrasts), tuple(noises), tuple(shadings), tuple(steps))
-        noise = noise / 4.0  # of the mean of four pixels
+            return _Shading(tuple(contrasts), tuple(variances), tuple(shadings), tuple(steps))
+        variance = variance / 4.0  # of the mean of four pixels
         u, usable, lit = _halved(u, usable, lit)
 
 
 def explained_detail(shading: _Shading) -> Floats:
     """(N,) squared multiple correlation of each image with the others; 1 without detail."""
     explained = []
-    for moments, noise in zip(shading.contrasts, shading.noises, strict=True):
+    for moments, variance in zip(shading.contrasts, shading.noise_variances, strict=True):
         own = np.diag(moments)
         inverse = np.linalg.inv(moments + np.eye(len(own)) * (1e-6 * own.max() + 1e-12))
         shares = 1.0 - 1.0 / np.maximum(own * np.diag(inverse), 1.0)
-        is_detail = own > np.maximum(_MIN_DETAIL**2, _ABOVE_NOISE * noise)
+        is_detail = own > np.maximum(_MIN_DETAIL**2, _ABOVE_NOISE * variance)
         explained.append(np.where(is_detail, shares, np.nan))
     if not explained:
         return np.ones(0)

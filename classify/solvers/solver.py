@@ -126,11 +126,11 @@ def photometric_stereo(
     solver_lighting, divided_by = lighting, None
     saturation = np.float32(np.inf if full_scale is None else full_scale)
     if flat_field is not None:
-        divided_by = flat_field.facing(lighting)
+        divided_by = flat_field.without_cosines(lighting)
         solver_lighting = replace(lighting, intensities=np.ones(len(lighting)))
     elif lighting.positions_px is not None:
         unit_lighting = replace(lighting, intensities=np.ones(len(lighting)))
-        divided_by = sheet_of(unit_lighting, stack.shape, lobe_exponent).facing(lighting)
+        divided_by = sheet_of(unit_lighting, stack.shape, lobe_exponent).without_cosines(lighting)
     if divided_by is not None:
         stack = DividedStack(stack.images, stack.ambient, divided_by, full_scale)
         saturation = divided_by.saturation(float(saturation))

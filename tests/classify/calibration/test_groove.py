@@ -37,7 +37,7 @@ def test_a_groove_has_its_depth_and_flat_areas_stay_flat(method: Method, masked:
     measured = measure_plate([stack], 255.0, Lighting.ring(45.0), flat if masked else None)
     assert measured.lights is not None
     field = measured.flat_field.flat_field
-    assert field.share > 0.4
+    assert field.largest_fall_off > 0.4
     solved = photometric_stereo(
         stack.images, measured.lights.lighting, method, full_scale=255.0, flat_field=field
     )

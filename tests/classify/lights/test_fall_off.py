@@ -108,7 +108,7 @@ def test_the_share_of_the_fall_off_is_reported() -> None:
     found = solved(near_light_images(p, q, strengths)).fall_off
     assert found is not None
     # exp(-0.3) between the ends of the middle line.
-    assert found.share == pytest.approx(1.0 - np.exp(-0.3), abs=0.02)
+    assert found.largest_fall_off == pytest.approx(1.0 - np.exp(-0.3), abs=0.02)
 
 
 @settings(deadline=None, max_examples=8)

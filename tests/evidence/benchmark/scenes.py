@@ -58,7 +58,7 @@ def under_near_lights(image_set: SimulatedSet, fields_of_view: float) -> Simulat
     rows, columns = np.arange(height), np.arange(width)
     strengths = (
         sheet_of(lighting, (height, width))
-        .facing(lighting)
+        .without_cosines(lighting)
         .strengths(rows, columns, (height, width))
     )
     values = image_set.images.astype(np.float32)
