@@ -72,18 +72,18 @@ def _drop_inconsistent(
         bz = np.zeros(columns, np.float32)
         squares = np.zeros(columns, np.float32)
         variance = np.zeros(columns, np.float32)
+        highest_raw = np.zeros(columns, np.float32)
         brightest = np.zeros(columns, np.float32)
-        largest = np.zeros(columns, np.float32)
         for k in range(count):
             # `variance` is the mean over the lights of the variances of the values.
             gain, mean_weight = gains[k], gains[k] * gains[k] / np.float32(count)
             x, y, z = weights[:, k]
             for c in range(columns):
                 raw = images[k, r, c]
-                brightest[c] = max(brightest[c], raw)
+                highest_raw[c] = max(highest_raw[c], raw)
                 variance[c] += mean_weight * (a + b * max(raw - black, zero))
                 v = (raw - dark[c]) * gain
-                largest[c] = max(largest[c], v)
+                brightest[c] = max(brightest[c], v)
                 bx[c] += x * v
                 by[c] += y * v
                 bz[c] += z * v
@@ -95,14 +95,14 @@ def _drop_inconsistent(
                 squares[c] += ((images[k, r, c] - dark[c]) * gain - s) ** 2
         dropped[r] = NO_DROPPED_LIGHT
         highlights[r] = False
-        gate = limit * variance + (TOLERANCE * largest) ** 2
-        for column in np.flatnonzero((squares > gate) | (brightest >= saturation)):
+        gate = limit * variance + (TOLERANCE * brightest) ** 2
+        for column in np.flatnonzero((squares > gate) | (highest_raw >= saturation)):
             dark_variance = frames * (a + b * max(dark[column] - black, zero))
-            first, highlight, x, y, z = _solve_consistent(
+            dropped_light, highlight, x, y, z = _solve_consistent(
                 images, dark[column], dark_variance, lights, gains, directions, saturation, limits,
                 variance[column], r, column,
             )  # fmt: skip
-            dropped[r, column], highlights[r, column] = first, highlight
+            dropped[r, column], highlights[r, column] = dropped_light, highlight
             bx[column], by[column], bz[column] = x, y, z
         floors = least_bz * np.sqrt(variance)
         judge_row(
@@ -121,21 +121,21 @@ def _solve_consistent(
     Returns the first light left out, whether one was a highlight, and b.
     """
     # Dark lights go first, then the one whose absence leaves the smallest residuals; of four, see
-    # `_one_of_four`. With e the residual of light l and h = l . (L^T L)^-1 l its leverage, its
+    # `_one_of_four`. Let e be the residual of light l, and h = l . (L^T L)^-1 l its leverage. Its
     # absence subtracts e^2 / (1 - h) from the sum of squared residuals and multiplies the
     # determinant of L^T L by 1 - h (Cook and Weisberg 1982, Residuals and Influence in Regression,
     # chapter 2).
     count = len(images)
     used = np.ones(count, np.bool_)
     values = np.empty(count, np.float32)
-    first, highlight, remaining = NO_DROPPED_LIGHT, False, count
+    first_dropped, highlight, remaining = NO_DROPPED_LIGHT, False, count
     for k in range(count):
         raw = images[k, r, c]
         values[k] = (raw - dark) * gains[k]
         if raw >= saturation:
             used[k] = False
             remaining -= 1
-            first = min(first, k)
+            first_dropped = min(first_dropped, k)
     brightest, second_brightest = np.float32(0.0), np.float32(0.0)
     for k in range(count):
         second_brightest = max(second_brightest, min(brightest, values[k]))
@@ -175,12 +175,12 @@ def _solve_consistent(
         if 2 * (remaining - 1) <= bright_count:
             # No majority of the bright lights agrees: directions or levels are wrong. All lights
             # that are neither dark nor saturated are used.
-            first = NO_DROPPED_LIGHT
+            first_dropped = NO_DROPPED_LIGHT
             for k in range(count):
                 used[k] = (images[k, r, c] < saturation) & (not is_dark[k])
-                first = first if used[k] else min(first, k)
+                first_dropped = first_dropped if used[k] else min(first_dropped, k)
             _, bx, by, bz = solve_lights(images, dark, lights, gains, directions, used, r, c)
-            return first, False, bx, by, bz
+            return first_dropped, False, bx, by, bz
         eligible = used & is_dark if any_dark else used
         if remaining == 4:
             chosen = _one_of_four(
@@ -207,10 +207,10 @@ def _solve_consistent(
         bz = np.float32(a02 * x + a12 * y + a22 * z)
         used[chosen] = False
         remaining -= 1
-        first = chosen if first == NO_DROPPED_LIGHT else first
+        first_dropped = chosen if first_dropped == NO_DROPPED_LIGHT else first_dropped
         # A highlight is brighter than the fit, and than stray light in a shadow.
         highlight |= values[chosen] > max(values[chosen] - errors[chosen], LEAK * second_brightest)
-    return first, highlight, bx, by, bz
+    return first_dropped, highlight, bx, by, bz
 
 
 @kernel

@@ -25,13 +25,11 @@ _SAMPLES = 16_384
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 _FIRST, _SECOND = np.ascontiguousarray(np.transpose(_PAIRS))
 # Tables by the bits of the dark lights: index of the pair of the two others, and the first dark
-# light.
+# light. Entry 0, no dark light, is not used.
 _PAIR_OF_DARK = np.full(16, NO_LINE)
 for _index, (_j, _k) in enumerate(_PAIRS):
     _PAIR_OF_DARK[_LIGHTS ^ (1 << _j | 1 << _k)] = _index
 _FIRST_DARK = np.array([3, *(int(b & -b).bit_length() - 1 for b in range(1, 16))], np.uint8)
-# Indices of the two other axes of each axis, for cross products.
-_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
@@ -45,12 +43,12 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     pixels = np.flatnonzero((unlit & ~LOST) != 0)
     if not pixels.size:
         return
-    solutions, along = _lines_of_two_lights(problem.lighting)
+    solutions, line_directions = _lines_of_two_lights(problem.lighting)
     values = problem.stack.values_at(pixels) * problem.gains[:, None]
     bits = unlit.ravel()[pixels]
     pairs, lines = np.empty_like(bits), np.empty((len(pixels), 4), np.float32)
     _choose_lines(values, problem.dark_level, solutions, bits, pairs, lines)
-    unsolved = Unsolved.of(pixels, lines, pairs, along)
+    unsolved = Unsolved.of(pixels, lines, pairs, line_directions)
     planes = maps.p, maps.q, maps.albedo
     weights = neighbour_weights(*planes, unlit, _corners(problem.shape))
     albedo_weight, curl_weight = map(np.float32, weights)  # compiled functions return float
@@ -61,7 +59,7 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     grow(unsolved, albedo_weight, part)
     relax(unsolved, albedo_weight, curl_weight, part)
     written = (*planes, maps.valid, maps.repaired, maps.left_out)
-    _write(unsolved.values, unsolved.depth, pixels, bits, *(plane.ravel() for plane in written))
+    _write(unsolved.values, unsolved.layers, pixels, bits, *(plane.ravel() for plane in written))
 
 
 @kernel
@@ -84,14 +82,14 @@ def _choose_lines(
 
 @kernel
 def _write(
-    values: Array, depth: Array, pixels: Array, bits: Array,
+    values: Array, layers: Array, pixels: Array, bits: Array,
     p: Array, q: Array, albedo: Array, valid: Array, repaired: Array, left_out: Array,
 ) -> None:  # fmt: skip
     """Write the filled-in values to the maps, which are raveled."""
     for n in range(len(pixels)):
         m = pixels[n]
         p[m], q[m] = values[n, 0], values[n, 1]
-        if depth[n] != NOT_REACHED:
+        if layers[n] != NOT_REACHED:
             dark = bits[n] & _LIGHTS
             albedo[m] = values[n, 2]
             repaired[m] = True
@@ -116,8 +114,8 @@ def _lines_of_two_lights(lighting: Lighting) -> tuple[FloatMap, FloatMap]:
     cosines = (first * second).sum(axis=1, keepdims=True)
     solutions = np.stack([first - cosines * second, second - cosines * first], axis=2)
     solutions /= (1.0 - cosines**2)[..., None]
-    along = np.zeros((len(_PAIRS) + 2, 3), np.float32)
-    d = first[:, _NEXT] * second[:, _LAST] - first[:, _LAST] * second[:, _NEXT]
+    line_directions = np.zeros((len(_PAIRS) + 2, 3), np.float32)
+    d = np.cross(first, second)
     sines = np.sqrt((d * d).sum(axis=1, keepdims=True))
-    along[:-2] = d / np.where(d[:, 2:] < 0.0, -sines, sines)
-    return solutions.astype(np.float32), along
+    line_directions[:-2] = d / np.where(d[:, 2:] < 0.0, -sines, sines)
+    return solutions.astype(np.float32), line_directions

@@ -37,8 +37,7 @@ from .unsolved import LOST, SATURATED
 # The bits of all four lights.
 _NONE_LIT = np.uint8(15)
 
-# A residual of more standard deviations is not attributed to noise; one normal residual in 370 is
-# larger.
+# A residual of more standard deviations is not attributed to noise.
 _GATE = np.float32(3.0)
 # LED levels are known, and surfaces are Lambertian, to a few percent only: a residual below this
 # share of the brightness is blamed on no light, because four lights average such errors better
@@ -69,13 +68,13 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
     left_out, unlit = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
     highlights, repaired = np.empty(shape, np.bool_), np.zeros(shape, np.bool_)
     maps = replace(balanced.new_maps(left_out, highlights, repaired, unlit), lighting=lighting)
-    least_bz, per_residual = noise_floor_factor(pinv), (pinv / null).astype(np.float32)
+    least_bz, correction_columns = noise_floor_factor(pinv), (pinv / null).astype(np.float32)
     pinv, null = pinv.astype(np.float32), null.astype(np.float32)
 
     def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
-        _gate(
+        _solve_rows(
             first, last, stack.images, stack.dark_rows, balanced.gains, problem.saturation,
-            problem.variance, problem.frames, spread, least_bz, pinv, per_residual, null,
+            problem.variance, problem.frames, spread, least_bz, pinv, correction_columns, null,
             balanced.dark_albedo, maps.p, maps.q, maps.albedo, maps.valid, maps.dark_counts,
             maps.left_out, maps.highlights, maps.unlit,
         )  # fmt: skip
@@ -99,10 +98,10 @@ def _flatness(
 
 
 @kernel
-def _gate(
+def _solve_rows(
     first: int, last: int, images: Array, ambient: Array, gains: Array, saturation: np.float32,
     noise: Array, frames: np.float32, spread: np.float32, least_bz: np.float32, pinv: Array,
-    corrections: Array, null: Array, dark_albedo: np.float32,
+    correction_columns: Array, null: Array, dark_albedo: np.float32,
     p: Array, q: Array, albedo: Array, valid: Array, dark_counts: Array,
     dropped: Array, highlights: Array, unlit: Array,
 ) -> None:  # fmt: skip
@@ -113,8 +112,8 @@ def _gate(
     # surfaces are likelier. T is the largest of three standard deviations of noise, `TOLERANCE` and
     # `spread` times the brightness. If a light is dark or saturated, all of the residual is blamed
     # on it, and T is one standard deviation. `noise` (3,) is a, b and black of the variance a + b
-    # (value - black), `corrections` (3, 4) is pinv / null; `unlit` is 0, `LOST`, or the bits of the
-    # lights in shadow or saturated.
+    # (value - black). `correction_columns` (3, 4) is pinv / null. `unlit` is 0, `LOST`, or the bits
+    # of the lights in shadow or saturated; `out0` to `out3` are 1 for these lights.
     columns = p.shape[1]
     g0, g1, g2, g3 = gains
     n0, n1, n2, n3 = null
@@ -124,9 +123,9 @@ def _gate(
     x0, x1, x2, x3 = pinv[0]
     y0, y1, y2, y3 = pinv[1]
     z0, z1, z2, z3 = pinv[2]
-    cx0, cx1, cx2, cx3 = corrections[0]
-    cy0, cy1, cy2, cy3 = corrections[1]
-    cz0, cz1, cz2, cz3 = corrections[2]
+    cx0, cx1, cx2, cx3 = correction_columns[0]
+    cy0, cy1, cy2, cy3 = correction_columns[1]
+    cz0, cz1, cz2, cz3 = correction_columns[2]
     zero, one, two, half = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(0.5)
     quarter = np.float32(0.25)
     # The one ambient frame is in all four values, and cancels if the gains are equal.
@@ -176,8 +175,8 @@ def _gate(
             noise_gate = _GATE * _GATE * variance
             gate = max(noise_gate, gate_share * mean * mean)
             gate = gate if out_count == zero else variance
-            beyond = max(square - gate, zero) / max(square, _TINY)
-            share = residual * beyond
+            shrinkage = max(square - gate, zero) / max(square, _TINY)
+            share = residual * shrinkage
             bx = (x0 * v0 + x1 * v1) + (x2 * v2 + x3 * v3)
             by = (y0 * v0 + y1 * v1) + (y2 * v2 + y3 * v3)
             bz = (z0 * v0 + z1 * v1) + (z2 * v2 + z3 * v3)
@@ -198,7 +197,7 @@ def _gate(
             index = np.uint8(2) if w2 == largest else np.uint8(3)
             index = np.uint8(1) if w1 == largest else index
             index = np.uint8(0) if w0 == largest else index
-            left_out = largest * total * beyond > half
+            left_out = largest * total * shrinkage > half
             dropped[r, c] = index if left_out else np.uint8(NO_DROPPED_LIGHT)
             bright = (
                 (w0 if n0 * residual > zero else zero) + (w1 if n1 * residual > zero else zero)

@@ -119,22 +119,22 @@ def _subtract_excess(
     cx, cy, _ = plane
     one = np.float32(1.0)
     lights, rows, columns = images.shape
-    along = np.empty(columns, np.float32)
+    inner = np.empty(columns, np.float32)  # b . X
     for r in range(rows):
         dark_row = dark[min(r, len(dark) - 1)]
-        along[:] = np.float32(0.0)
+        inner[:] = np.float32(0.0)
         for k in range(lights):
             wx, wy = weights[0, k], weights[1, k] * y[r]
             for c in range(columns):
-                along[c] += (wx * x[c] + wy) * (images[k, r, c] - dark_row[c])
+                inner[c] += (wx * x[c] + wy) * (images[k, r, c] - dark_row[c])
         for c in range(columns):
-            along[c] /= max(one - cx * x[c] - cy * y[r], _NEAR_PLANE)
+            inner[c] /= max(one - cx * x[c] - cy * y[r], _NEAR_PLANE)
         for k in range(lights):
             e = excess[k]
             for c in range(columns):
                 raw = images[k, r, c]
-                images[k, r, c] = raw - e * along[c] if raw < saturation else raw
-        b_dot_x[min(r, len(b_dot_x) - 1)] = along
+                images[k, r, c] = raw - e * inner[c] if raw < saturation else raw
+        b_dot_x[min(r, len(b_dot_x) - 1)] = inner
 
 
 @kernel
@@ -160,7 +160,7 @@ def _subtract_rest(
 
 
 # A light is missing if its value is below the shadow limit, and below the prediction by this many
-# standard deviations, as one normal deviate in 740 is.
+# standard deviations.
 _MISSING = 3.0
 
 

@@ -13,13 +13,13 @@ from classify.base.threads import run_on_rows
 # Bits of `Maps.unlit`, beside the four lowest, which are the lights in shadow or saturated.
 # LOST: noise makes the slope too uncertain. SATURATED: one of those lights is saturated.
 LOST, SATURATED = np.uint8(16), np.uint8(32)
-# Value of `Unsolved.depth` of a pixel in no layer yet.
+# Value of `Unsolved.layers` of a pixel in no layer yet.
 NOT_REACHED = np.uint8(255)
 # Values of `Unsolved.pairs` without a pair of lights: fewer than two lights, or a pixel that keeps
 # its initial values.
 NO_LINE, SKIPPED = np.uint8(6), np.uint8(7)
 
-# Values of `Unsolved.near` for a neighbour that is solved, and for one without a slope.
+# Values of `Unsolved.neighbours` for a neighbour that is solved, and for one without a slope.
 _SOLVED, NOTHING = -1, -2
 # Neighbours row by row: nw, n, ne, w, e, sw, s, se. `_BESIDE` marks those that share a side with
 # the pixel; `FIRST_WEIGHTS` are their weights in its initial values.
@@ -34,21 +34,21 @@ class Unsolved:
     pixels: Array  # (n,) flat indices, ascending
     lines: Array  # (n, 4) b0 and t of each pixel on its line of scaled normals; t is written
     pairs: Array  # (n,) pair of lights, `NO_LINE`, or `SKIPPED` by `relax`
-    along: Array  # (8, 3) direction d of the line of each code in `pairs`
+    line_directions: Array  # (8, 3) direction d of the line of each code in `pairs`
     # (n, 8) index of each neighbour in this list, or `_SOLVED` or `NOTHING`; `grow` replaces both
     # by n, the last row of `values`.
-    near: Array
+    neighbours: Array
     # (n, 7) sums over the solved neighbours: p, q, albedo and 1 by `FIRST_WEIGHTS`, then p, q and
     # albedo by `neighbour_factors`.
-    solved: Array
+    solved_sums: Array
     values: Array  # (n + 1, 3) p, q and albedo, written; the last row is 0
-    depth: Array  # (n,) the layer of each pixel, `NOT_REACHED` before; written
+    layers: Array  # (n,) the layer of each pixel, `NOT_REACHED` before; written
 
     @classmethod
-    def of(cls, pixels: Array, lines: Array, pairs: Array, along: Array) -> Self:
+    def of(cls, pixels: Array, lines: Array, pairs: Array, line_directions: Array) -> Self:
         count = len(pixels)
         return cls(
-            pixels, lines, pairs, along, np.empty((count, 8), np.int32),
+            pixels, lines, pairs, line_directions, np.empty((count, 8), np.int32),
             np.empty((count, 7), np.float32), np.zeros((count + 1, 3), np.float32),
             np.full(count, NOT_REACHED),
         )  # fmt: skip
@@ -67,22 +67,21 @@ def link(
     # squared curl of each block of 2 x 2 pixels. At one pixel the best p is a weighted mean of two
     # terms: the mean of p at the four neighbours beside it, with weight 1, and (2 (p_n + p_s - p_w
     # - p_e) + p_nw + p_ne + p_sw + p_se + q_nw - q_ne - q_sw + q_se) / 4, with weight 4
-    # curl_weight. The best q is found likewise.
+    # curl_weight. Likewise for q.
     factors = neighbour_factors(curl_weight)
 
     def link_part(first: int, last: int) -> None:
         _link(
             first, last, unsolved.pixels, unlit, p, q, albedo, factors,
-            unsolved.near, unsolved.solved,
+            unsolved.neighbours, unsolved.solved_sums,
         )  # fmt: skip
 
     unsolved.run(link_part, strip_px)
 
 
 def neighbour_factors(curl_weight: np.float32) -> Array:
-    """(8, 4) factors of the neighbours in the minimum that `relax` seeks; see `link`.
+    """(8, 4) factors of p in the best p, q in p, q in q, and albedo in albedo; see `link`.
 
-    The columns are: p in the best p, q in the best p, q in the best q, albedo in the best albedo.
     The factor of p in the best q is that of q in the best p.
     """
     curl = float(curl_weight)
@@ -98,7 +97,7 @@ def neighbour_factors(curl_weight: np.float32) -> Array:
 @kernel
 def _link(
     first: int, last: int, pixels: Array, unlit: Array, p: Array, q: Array, albedo: Array,
-    factors: Array, near: Array, solved: Array,
+    factors: Array, neighbours: Array, solved_sums: Array,
 ) -> None:  # fmt: skip
     """Find the neighbours of some pixels, and sum up the solved ones."""
     rows, columns = unlit.shape
@@ -107,7 +106,7 @@ def _link(
     below = np.searchsorted(pixels, pixels[first] + columns - 1)
     for n in range(first, last):
         r, c = divmod(pixels[n], columns)
-        solved[n] = 0.0
+        solved_sums[n] = 0.0
         while above < n and pixels[above] < pixels[n] - columns - 1:
             above += 1
         while below < len(pixels) and pixels[below] < pixels[n] + columns - 1:
@@ -116,21 +115,21 @@ def _link(
             index = j + (j > 3)  # in the 3 x 3 pixels
             y, x = r + index // 3 - 1, c + index % 3 - 1
             if y < 0 or x < 0 or y >= rows or x >= columns:
-                near[n, j] = NOTHING
+                neighbours[n, j] = NOTHING
                 continue
             if unlit[y, x] == 0:
-                near[n, j] = _SOLVED
+                neighbours[n, j] = _SOLVED
                 weight = FIRST_WEIGHTS[j]
-                solved[n, 0] += weight * p[y, x]
-                solved[n, 1] += weight * q[y, x]
-                solved[n, 2] += weight * albedo[y, x]
-                solved[n, 3] += weight
-                solved[n, 4] += factors[j, 0] * p[y, x] + factors[j, 1] * q[y, x]
-                solved[n, 5] += factors[j, 1] * p[y, x] + factors[j, 2] * q[y, x]
-                solved[n, 6] += factors[j, 3] * albedo[y, x]
+                solved_sums[n, 0] += weight * p[y, x]
+                solved_sums[n, 1] += weight * q[y, x]
+                solved_sums[n, 2] += weight * albedo[y, x]
+                solved_sums[n, 3] += weight
+                solved_sums[n, 4] += factors[j, 0] * p[y, x] + factors[j, 1] * q[y, x]
+                solved_sums[n, 5] += factors[j, 1] * p[y, x] + factors[j, 2] * q[y, x]
+                solved_sums[n, 6] += factors[j, 3] * albedo[y, x]
                 continue
             pixel = y * columns + x
             m = max(n - 1, 0) if y == r else above if y < r else below
             while m < len(pixels) and pixels[m] < pixel:
                 m += 1
-            near[n, j] = m if m < len(pixels) and pixels[m] == pixel else NOTHING
+            neighbours[n, j] = m if m < len(pixels) and pixels[m] == pixel else NOTHING
