@@ -73,7 +73,7 @@ def checks_of_drift(drift: Drift) -> Iterator[Check]:
     """Yield a check for each change since the calibration, or one that is ok without any."""
     for cause in drift.causes:
         change = cause.kind if cause.light is None else f"{cause.kind}, light {cause.light}"
-        yield Check(f"drift: {change}", cause.status, cause.seen, cause.advice)
+        yield Check(f"drift: {change}", cause.status, cause.finding, cause.advice)
     if drift.causes:
         return
     largest = float(np.abs(drift.level_changes).max())

@@ -28,8 +28,8 @@ MEASURABLE_TILT_DEG = 5.0
 _MAX_RESIDUAL_PX = 1.0
 # Distortion that moves no pixel by more is not worth the resampling.
 _MIN_DISTORTION_PX = 0.5
-# A further coefficient counts if it explains this many times its share of the residual (F test with
-# more than 50 degrees of freedom: 1 in 1000).
+# A further coefficient of distortion counts from this ratio of explained to residual variance on
+# (F test with more than 50 degrees of freedom: 1 in 1000).
 _SIGNIFICANT_F = 11.0
 # Distortion counts if it moves a corner of the board by this many times the residual: errors of
 # corners in a small picture of the board grow into pixels at the corners of the frame.
@@ -58,7 +58,7 @@ def find_corners(image: Array, corners: tuple[int, int]) -> Floats:
     if not all(_CORNER_COUNTS[0] <= count <= _CORNER_COUNTS[1] for count in corners):
         raise InputError(
             f"a checkerboard with {corners[0]} x {corners[1]} inner corners; "
-            f"{_CORNER_COUNTS[0]} to {_CORNER_COUNTS[1]} each are handled"
+            f"give {_CORNER_COUNTS[0]} to {_CORNER_COUNTS[1]} each"
         )
     values = image.astype(np.float32)
     low, high = (float(level) for level in np.quantile(values[::2, ::2], (0.01, 0.99)))
@@ -161,15 +161,15 @@ def _fitted(
     freedom = (2 * len(board) - 6) * len(boards)
     coefficients = 0
     for count, fixed in ((1, cv2.CALIB_FIX_K2), (2, 0)):
-        further_free = _Fit.of(boards, board, frame, camera, fixed)
-        further = _Fit.of(boards, board, frame, camera, fixed + cv2.CALIB_FIX_FOCAL_LENGTH)
-        shifts = np.concatenate([_shift(points, further.radial, camera) for points in boards])
+        extended_free = _Fit.of(boards, board, frame, camera, fixed)
+        extended = _Fit.of(boards, board, frame, camera, fixed + cv2.CALIB_FIX_FOCAL_LENGTH)
+        shifts = np.concatenate([_shift(points, extended.radial, camera) for points in boards])
         largest_px = np.linalg.norm(shifts, axis=1).max()
-        is_visible = largest_px > _VISIBLE_DISTORTION * further.residual_px
-        explained = free_fit.residual_px**2 - further_free.residual_px**2
+        is_visible = largest_px > _VISIBLE_DISTORTION * extended.residual_px
+        explained = free_fit.residual_px**2 - extended_free.residual_px**2
         explained /= count - coefficients
-        if is_visible and explained > _SIGNIFICANT_F * further_free.residual_px**2 / freedom:
-            fit, free_fit, coefficients = further, further_free, count
+        if is_visible and explained > _SIGNIFICANT_F * extended_free.residual_px**2 / freedom:
+            fit, free_fit, coefficients = extended, extended_free, count
     return fit, camera, focal_error
 
 

@@ -55,7 +55,7 @@ class _DriftCause:
     kind: _DriftKind
     light: int | None  # index; None for a change that all lights share
     status: _Status
-    seen: str  # the finding, with its values
+    finding: str  # with its values
     advice: str  # what to do
 
 
@@ -98,7 +98,7 @@ def plate_drift(
     blocks = PlateBlocks.of([calibration.corrected(stack, full_scale)], full_scale)
     check_sheet(blocks, lighting)
     expected = flat_field.logarithms(blocks.x, blocks.y)
-    change, x, y = _joined(blocks, expected)
+    change, x, y = _coarse_change(blocks, expected)
     change -= change.mean() if brightness is None else math.log(brightness * full_scale)
     model = DriftModel(*_led_geometry(expected, blocks, lighting), x, y)
     explanation = model.explain(change)
@@ -131,7 +131,7 @@ def _led_geometry(
     return distances * lighting.directions, fitted.lobe_exponent, fitted.aim
 
 
-def _joined(blocks: PlateBlocks, expected: Floats) -> tuple[Floats, Floats, Floats]:
+def _coarse_change(blocks: PlateBlocks, expected: Floats) -> tuple[Floats, Floats, Floats]:
     """The change of each light (N, B) in larger blocks, and their (B,) x and y."""
     usable = blocks.usable[0]
     y, x = np.meshgrid(blocks.y, blocks.x, indexing="ij")
@@ -166,8 +166,8 @@ def _tilt_deg(slope: Floats) -> float:
 
 def _error_deg(change: Floats, slope: Floats, lighting: Lighting) -> float:
     """Rms tilt of the sheet as it would be solved, without the tilt that it has."""
-    flat = lighting.directions[:, 2, None] * np.exp(change)
-    b = np.linalg.pinv(lighting.directions) @ flat
+    values = lighting.directions[:, 2, None] * np.exp(change)
+    b = np.linalg.pinv(lighting.directions) @ values
     slopes = -b[:2] / b[2] - slope[:, None]
     return math.degrees(math.sqrt(float(np.square(np.arctan(slopes)).sum(axis=0).mean())))
 

@@ -37,8 +37,8 @@ _LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
 # tests/evidence/drift_rates.py counts which causes are mistaken for others.
 _LOG_ODDS, _LOG_ODDS_TILT = 3.0, 6.0
 _MAX_CAUSES = 3
-# Gauss-Newton: step of the numerical derivatives, which also ends the iteration, and longest step,
-# both in standard deviations of the parameters; largest number of steps.
+# Gauss-Newton, in standard deviations of the parameters: step of the numerical derivatives (smaller
+# steps end the iteration), and longest step; largest number of steps.
 _STEP, _MAX_STEP, _MAX_STEPS = 1e-3, 1.0, 12
 _NO_SLOPE: Floats = np.zeros(2)
 _MIN_LIGHT_Z = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
@@ -113,8 +113,8 @@ class DriftModel:
             if cause.kind == "light moved":
                 parameters = np.array([angle, 0.0, 0.0])
                 change = cause.change(parameters)
-                unnamed, _ = self._fit(change, (), no_parameters)
-                if self._fit(change, (cause,), parameters)[0] >= unnamed:
+                score_without, _ = self._fit(change, (), no_parameters)
+                if self._fit(change, (cause,), parameters)[0] >= score_without:
                     return False
         return True
 
@@ -139,7 +139,7 @@ class DriftModel:
         odds = sum(
             _LOG_ODDS_TILT if cause.kind == "sheet tilted" else _LOG_ODDS for cause in causes
         )
-        residual, volume = self._whitener @ (change - predicted).ravel(), 0.0
+        residual, log_determinant = self._whitener @ (change - predicted).ravel(), 0.0
         for _ in range(_MAX_STEPS if causes else 0):
             slopes = [
                 self._whitener
@@ -149,13 +149,14 @@ class DriftModel:
             jacobian = np.stack(slopes, axis=1) / _STEP
             precision = jacobian.T @ jacobian + np.eye(len(spreads))
             step = np.linalg.solve(precision, jacobian.T @ residual - scaled)
-            volume = float(np.linalg.slogdet(precision)[1])
+            log_determinant = float(np.linalg.slogdet(precision)[1])
             scaled = scaled + np.clip(step, -_MAX_STEP, _MAX_STEP)
             predicted = self._change(causes, scaled * spreads)
             residual = self._whitener @ (change - predicted).ravel()
             if np.abs(step).max() < _STEP:
                 break
-        return float(residual @ residual + scaled @ scaled) + 2.0 * odds + volume, scaled * spreads
+        misfit = float(residual @ residual + scaled @ scaled)
+        return misfit + 2.0 * odds + log_determinant, scaled * spreads
 
     def _change(self, causes: Sequence[PossibleCause], parameters: Floats) -> Floats:
         total, first = np.zeros_like(self._strengths), 0
@@ -255,9 +256,9 @@ class DriftModel:
 
     def _lens_change(self, parameters: Floats) -> Floats:
         """Parameters: logarithm of the magnification, vignetting by radius^2 and radius^4."""
-        field = float(np.exp(-parameters[0]))
+        scale = float(np.exp(-parameters[0]))
         vignetting = parameters[1] * self._radius_2 + parameters[2] * self._radius_2**2
-        magnified = self._all_strengths(field * self._x, field * self._y)
+        magnified = self._all_strengths(scale * self._x, scale * self._y)
         return np.asarray(magnified - self._strengths + vignetting, np.float64)
 
     def _tilt_change(self, parameters: Floats) -> Floats:
@@ -283,12 +284,12 @@ def led_strength(
 ) -> Floats:
     """(B,) logarithm of the light of an LED on a plane: inverse square, Lambert, lobe."""
     z = slope[0] * x + slope[1] * y
-    away = np.stack([position[0] - x, position[1] - y, position[2] - z])
-    squared = np.square(away).sum(axis=0)
-    facing = (position[2] - position[:2] @ slope) / math.sqrt(1.0 + float(slope @ slope))
+    to_led = np.stack([position[0] - x, position[1] - y, position[2] - z])
+    squared = np.square(to_led).sum(axis=0)
+    height = (position[2] - position[:2] @ slope) / math.sqrt(1.0 + float(slope @ slope))
     axis = position / np.linalg.norm(position) if aim == "centre" else np.array([0.0, 0.0, 1.0])
-    towards = np.maximum(axis @ away / np.sqrt(squared), _MIN_LIGHT_Z)
-    light = math.log(max(facing, 1e-9)) - 1.5 * np.log(squared) + lobe_exponent * np.log(towards)
+    cosine = np.maximum(axis @ to_led / np.sqrt(squared), _MIN_LIGHT_Z)
+    light = math.log(max(height, 1e-9)) - 1.5 * np.log(squared) + lobe_exponent * np.log(cosine)
     return np.asarray(light, np.float64)
 
 
@@ -305,7 +306,7 @@ def moved_light(position: Floats, parameters: Floats) -> Floats:
     return np.asarray(moved * (new_distance / np.linalg.norm(moved)), np.float64)
 
 
-def _without(parameters: Floats, causes: Sequence[PossibleCause], place: int) -> Floats:
-    """Remove the parameters of the cause at `place`."""
+def _without(parameters: Floats, causes: Sequence[PossibleCause], index: int) -> Floats:
+    """Remove the parameters of the cause at `index`."""
     ends = np.cumsum([len(cause.spreads) for cause in causes])
-    return np.delete(parameters, slice(ends[place] - len(causes[place].spreads), ends[place]))
+    return np.delete(parameters, slice(ends[index] - len(causes[index].spreads), ends[index]))

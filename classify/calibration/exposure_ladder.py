@@ -33,8 +33,8 @@ _MAX_ROUNDS, _SETTLED = 12, 1e-7
 # level could have any weight; without the upper one a steep piece hides the residuals of a wrong
 # exposure in it.
 _SLOPE_RANGE = (0.02, 6.0)
-# Levels between which the light is scaled to rise by 1, as shares of the range. Between the ends of
-# the range, a curve that is flat but for a step at its highest level would have no residuals.
+# Levels between which the light is scaled to rise by 1, as shares of the range. If they were the
+# ends of the range, a flat curve with a step at its highest level would have no residuals.
 _INNER_RANGE = (0.1, 0.9)
 _SCALE_WEIGHT = 1e3
 # Limits of the exponent of the power law below the measured values.
@@ -275,6 +275,10 @@ class _Fit:
 
 def _cause(levels: Floats, times: Floats, fit: _Fit) -> str:
     """Describe why no curve explains the values: one exposure, or all."""
+    cause = (
+        f"no response explains the values: they depart by up to {np.abs(fit.medians).max():.1%} of "
+        "full scale from the best; the camera's exposure or gain is automatic, or the light changes"
+    )
     exposures = np.flatnonzero(np.isfinite(levels).any(axis=1))
     # The wrong exposure is the one without which the others agree best.
     best = fit
@@ -289,9 +293,4 @@ def _cause(levels: Floats, times: Floats, fit: _Fit) -> str:
                 f"an exposure of {times[left_out]:g} ms acts as one of {effective_ms:.3g} ms; the "
                 "camera does not keep its exposure, or the light flickers"
             )
-    if best is not fit:
-        return cause
-    return (
-        f"no response explains the values: they depart by up to {np.abs(fit.medians).max():.1%} of "
-        "full scale from the best; the camera's exposure or gain is automatic, or the light changes"
-    )
+    return cause

@@ -140,10 +140,10 @@ def _median(values: Floats) -> Floats:
     return medians
 
 
-# Correlation of the grain of two placements above which a sheet was not moved between them. As
-# rendered in test_plate.py without dust, a rotated sheet has at most 0.09, and a sheet with a grain
-# of 0.5 % that was not rotated 0.73 and more. That of an even sheet is lost in the noise. The
-# pattern of the sensor does not rotate with the sheet, but is weaker.
+# Correlation of the grain of two placements above which a sheet was not moved between them. On the
+# rendered sheets of test_plate.py without dust it is at most 0.09 after a rotation; without one, at
+# a grain of 0.5 %, at least 0.73. On an even sheet it is lost in the noise. The pattern of the
+# sensor does not rotate with the sheet, but is weaker.
 _SAME_GRAIN_CORRELATION = 0.7
 
 

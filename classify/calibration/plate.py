@@ -249,13 +249,10 @@ def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lightin
     """Reject a shiny sheet, which has a highlight on the side of each light."""
     size = positions.residuals.shape[-1]
     x, y = (axis.reshape(size, -1).mean(axis=1) for axis in (blocks.x, blocks.y))
+    usable = _pooled(np.asarray(blocks.usable.all(axis=0)), size)
     shiny = []
     for light, excess in enumerate(positions.residuals):
-        highlight = np.where(
-            _pooled(np.asarray(blocks.usable.all(axis=0)), size) & (excess > _MAX_GLOSS_EXCESS),
-            excess,
-            0,
-        )
+        highlight = np.where(usable & (excess > _MAX_GLOSS_EXCESS), excess, 0)
         total = highlight.sum()
         towards = lighting.directions[light, :2]
         towards = towards / max(float(np.linalg.norm(towards)), 1e-9)

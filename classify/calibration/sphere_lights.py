@@ -69,15 +69,15 @@ def mirror_directions(
     normals, views = sphere.surface_at(columns, rows)
     reflected = 2.0 * (normals * views).sum(axis=1)[:, None] * normals - views
     shape = (int(rows.max()) - top + 1, int(columns.max()) - left + 1)
-    at = rows - top, columns - left
+    cells = rows - top, columns - left
     directions, errors, points, doubts = [], [], [], []
     for light in range(len(values)):
         background = _background([*np.delete(values, light, axis=0), *dark_images], values[light])
         change = values[light] - background
-        share, threshold = _lit_share(values[light], background, light, at)
+        share, threshold = _lit_share(values[light], background, light, cells)
         is_lit = np.zeros(shape, np.bool_)
-        is_lit[at] = share > threshold
-        labels = ndimage.label(is_lit, np.ones((3, 3)))[0][at]
+        is_lit[cells] = share > threshold
+        labels = ndimage.label(is_lit, np.ones((3, 3)))[0][cells]
         highlights = [
             _Highlight.of(pixels, change, share - threshold, reflected)
             for number in range(1, int(labels.max()) + 1)
@@ -128,7 +128,7 @@ def _background(others: Sequence[Floats], values: Floats) -> Floats:
 
 
 def _lit_share(
-    values: Floats, background: Floats, light: int, at: tuple[Indices, Indices]
+    values: Floats, background: Floats, light: int, cells: tuple[Indices, Indices]
 ) -> tuple[Floats, float]:
     """Share of each pixel, 0 to 1, that shows the light, and the limit of a highlight."""
     change = values - background
@@ -144,19 +144,19 @@ def _lit_share(
         )
     is_changed = change > _MIN_CHANGE * noise + middle
     core = change >= 0.5 * highest
-    # On a bright reflection of the room a clipped highlight changes less than beside it.
-    bright = values[_connected(core, is_changed & (values >= values[core].max()), at)]
+    # Over a bright reflection of the room a clipped highlight changes less than over a dark one.
+    bright = values[_connected(core, is_changed & (values >= values[core].max()), cells)]
     is_clipped = (bright == bright.max()).sum() > 1
     share = change / (np.maximum(bright.max() - background, 1e-9) if is_clipped else highest)
     threshold = _CLIPPED_HIGHLIGHT if is_clipped else _HIGHLIGHT
     return np.where(is_changed, np.clip(share, 0.0, 1.0), 0.0), threshold
 
 
-def _connected(core: BoolArray, others: BoolArray, at: tuple[Indices, Indices]) -> BoolArray:
+def _connected(core: BoolArray, others: BoolArray, cells: tuple[Indices, Indices]) -> BoolArray:
     """Pixels of `core`, and of `others` that are connected with it."""
-    grid = np.zeros((int(at[0].max()) + 1, int(at[1].max()) + 1), np.bool_)
-    grid[at] = core | others
-    labels = ndimage.label(grid, np.ones((3, 3)))[0][at]
+    grid = np.zeros((int(cells[0].max()) + 1, int(cells[1].max()) + 1), np.bool_)
+    grid[cells] = core | others
+    labels = ndimage.label(grid, np.ones((3, 3)))[0][cells]
     return np.asarray(np.isin(labels, labels[core]))
 
 
@@ -173,8 +173,8 @@ _MIN_UNSATURATED_SHARE = 0.6
 # Share of the sphere that must be lit and fit. A light at slant 75 reaches 0.4 of it.
 _MIN_USED_SHARE = 0.2
 _MAX_PIXELS = 3000
-# Error by vignetting and response, which the jackknife does not show. Half of the
-# lights of matt spheres in masks are within 0.2 degrees, 90 % within 0.65 (sphere_rates.py).
+# Error by vignetting and response, which the jackknife does not show. Half of the lights of matt
+# spheres in masks are within 0.2 degrees, 90 % within 0.65 (sphere_rates.py).
 _MODEL_DEG = 0.3
 _SECTORS = 8
 _ROUNDS = 4
@@ -246,7 +246,7 @@ class _Samples:
     def only(self, chosen: BoolArray) -> _Samples:
         return _Samples(self.light, self.normals[chosen], self.values[chosen], self.squared[chosen])
 
-    def flat(self, vignetting: float) -> Floats:
+    def without(self, vignetting: float) -> Floats:
         """The values without vignetting."""
         return self.values / (1.0 - vignetting * self.squared)
 
@@ -267,7 +267,7 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
     lit = values > _MIN_LIT_SHARE * np.quantile(values, 0.98)
     direction, share = np.array([0.0, 0.0, 1.0]), vignetting or 0.0
     for _ in range(_ROUNDS):
-        scaled = np.linalg.lstsq(design[lit], samples.flat(share)[lit], rcond=None)[0]
+        scaled = np.linalg.lstsq(design[lit], samples.without(share)[lit], rcond=None)[0]
         length = float(np.linalg.norm(scaled[:3]))
         if length <= 1e-9 * max(float(values.max()), 1e-9):
             raise CalibrationRejected(
@@ -278,7 +278,7 @@ def _fit(samples: _Samples, vignetting: float | None) -> _Fit:
     for _ in range(2):
         direction, share = _refined(samples.only(lit), direction, vignetting)
         lit = _fitting_pixels(samples, direction, share, lit)
-    coefficients, residuals = _shading(normals[lit] @ direction, samples.flat(share)[lit])
+    coefficients, residuals = _shading(normals[lit] @ direction, samples.without(share)[lit])
     level = max(float(np.polyval(coefficients, 1.0)), 1e-9)
     span = float(np.ptp(np.polyval(coefficients, np.linspace(_MIN_LIT_SHARE, 1.0, 16))))
     residual = float(np.sqrt(np.mean(residuals**2))) / max(span, 1e-9)
@@ -289,11 +289,11 @@ def _fitting_pixels(
     samples: _Samples, direction: Floats, vignetting: float, lit: BoolArray
 ) -> BoolArray:
     """Pixels that face the light and fit the shading to three robust deviations."""
-    cosine, values = samples.normals @ direction, samples.flat(vignetting)
+    cosine, values = samples.normals @ direction, samples.without(vignetting)
     coefficients, residuals = _shading(cosine[lit], values[lit])
     spread = SIGMA_PER_MAD * float(np.median(np.abs(residuals))) + 1e-3 * float(np.ptp(values))
-    far = np.abs(values - np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))) > 3.0 * spread
-    fitting = np.asarray((cosine > _MIN_LIT_SHARE) & ~far)
+    shading = np.polyval(coefficients, np.clip(cosine, 0.0, 1.0))
+    fitting = np.asarray((cosine > _MIN_LIT_SHARE) & (np.abs(values - shading) <= 3.0 * spread))
     if fitting.mean() < _MIN_USED_SHARE:
         raise CalibrationRejected(
             f"light image {samples.light}: {fitting.mean():.0%} of the sphere shows the shading of "
@@ -318,7 +318,7 @@ def _refined(samples: _Samples, start: Floats, vignetting: float | None) -> tupl
 
     def residuals(values: Floats) -> Floats:
         share = float(values[2]) if vignetting is None else vignetting
-        return _shading(samples.normals @ stepped(values[:2]), samples.flat(share))[1]
+        return _shading(samples.normals @ stepped(values[:2]), samples.without(share))[1]
 
     unknowns = 3 if vignetting is None else 2
     low, high = [-1.0, -1.0, _VIGNETTING[0]][:unknowns], [1.0, 1.0, _VIGNETTING[1]][:unknowns]

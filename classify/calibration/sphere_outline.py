@@ -128,9 +128,9 @@ def find_outline(images: Array, *, is_mirror: bool = True) -> Outline:
     if max((outline.score for outline in outlines), default=0.0) <= 0.0:
         raise CalibrationRejected(_NO_SPHERE)
     best = _chosen(outlines)
-    near, doubt_px = _scaled(best.circle, 1.0 / factor), _doubt_px(outlines, best) / factor
-    factor = min(1.0, _FIT_RADIUS_PX / near.radius)
-    fine = _fitted(_reduced(features, factor), _scaled(near, factor), _FINE)
+    coarse, doubt_px = _scaled(best.circle, 1.0 / factor), _doubt_px(outlines, best) / factor
+    factor = min(1.0, _FIT_RADIUS_PX / coarse.radius)
+    fine = _fitted(_reduced(features, factor), _scaled(coarse, factor), _FINE)
     if max(best.score, fine.score) < _MIN_SCORE or fine.score < _MIN_FINE_SCORE:
         raise CalibrationRejected(_NO_SPHERE)
     circle = _scaled(fine.circle, 1.0 / factor)
@@ -310,8 +310,8 @@ def _scores(points: Floats, weights: Floats, circles: Floats, tolerance: float) 
     """Scores of circles: 1 for edges around the whole circumference."""
     # Share of the circumference with edges, less half of the share with edges just outside.
     distances = _signed_distances(points, circles)
-    on = (weights * _nearness(distances, tolerance)).max(axis=2)
+    edges = (weights * _nearness(distances, tolerance)).max(axis=2)
     is_outside = (distances > tolerance) & (distances < 8.0 * tolerance)
     outside = np.where(is_outside, weights, 0.0).max(axis=2)
-    sectors = (on - 0.5 * outside).reshape(len(circles), _SECTORS, -1).mean(axis=2)
+    sectors = (edges - 0.5 * outside).reshape(len(circles), _SECTORS, -1).mean(axis=2)
     return np.asarray(np.sqrt(np.maximum(sectors, 0.0)).mean(axis=1) ** 2)

@@ -125,7 +125,7 @@ def test_a_moved_light_is_named_with_its_angle(
     rig = with_light_moved(replace(RIG, seed=22), 2, along_deg, down_deg)
     (cause,) = drift_of(rig, calibration).causes
     assert (cause.kind, cause.light, cause.status) == ("light moved", 2, "fault")
-    angle_deg = float(cause.seen.split("moved by ")[1].split()[0])
+    angle_deg = float(cause.finding.split("moved by ")[1].split()[0])
     assert angle_deg == pytest.approx(np.hypot(along_deg, down_deg), abs=0.6)
 
 
@@ -146,7 +146,7 @@ def test_camera_lens_exposure_and_sheet_are_told_apart(
 ) -> None:
     drift = drift_of(replace(rig, seed=23), calibration)
     assert kinds(drift) == {(kind, None)}
-    assert words in drift.causes[0].seen
+    assert words in drift.causes[0].finding
     assert drift.causes[0].advice
 
 
@@ -173,7 +173,7 @@ def test_leds_that_point_down_are_recognised() -> None:
     known, _ = calibrated(rig)
     (cause,) = plate_drift(moved.stack, rig.full_scale, known, RING).causes
     assert (cause.kind, cause.light) == ("light moved", 1)
-    angle_deg = float(cause.seen.split("moved by ")[1].split()[0])
+    angle_deg = float(cause.finding.split("moved by ")[1].split()[0])
     assert angle_deg == pytest.approx(5.0, abs=0.6)
 
 
