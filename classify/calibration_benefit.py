@@ -32,9 +32,9 @@ def remaining_errors(
     scale = _LONGER_SIDE_PX / max(shape)
     small = (max(1, round(shape[0] * scale)), max(1, round(shape[1] * scale)))
     part = _Part.of(_scaled(calibration.lighting_of(configured), scale), calibration, small)
-    rigs = list(_draws(part, flat_field_error))
+    draws = list(_draws(part, flat_field_error))
     applied, lighting = Calibration(), configured
-    steps = [("without calibration", _mean_error_deg(rigs, applied, lighting))]
+    steps = [("without calibration", _mean_error_deg(draws, applied, lighting))]
     names: list[str] = []
     for name in _STEPS:
         measured = getattr(calibration, name)
@@ -43,7 +43,7 @@ def remaining_errors(
         applied = replace(applied, **{name: measured})
         lighting = part.lighting if name == "lights" else lighting
         names.append(name.replace("_", " "))
-        steps.append((f"with {', '.join(names)}", _mean_error_deg(rigs, applied, lighting)))
+        steps.append((f"with {', '.join(names)}", _mean_error_deg(draws, applied, lighting)))
     return tuple(steps)
 
 
@@ -114,8 +114,8 @@ class _Part:
         return shading
 
 
-def _mean_error_deg(rigs: Sequence[_Part], applied: Calibration, lighting: Lighting) -> float:
-    return float(np.mean([rig.error_deg(applied, lighting) for rig in rigs]))
+def _mean_error_deg(draws: Sequence[_Part], applied: Calibration, lighting: Lighting) -> float:
+    return float(np.mean([part.error_deg(applied, lighting) for part in draws]))
 
 
 def _scaled(lighting: Lighting, scale: float) -> Lighting:
@@ -138,7 +138,7 @@ def _ideal_sheet(lighting: Lighting, calibration: Calibration, shape: tuple[int,
 
 
 def _draws(part: _Part, flat_field_error: float) -> Iterator[_Part]:
-    """The part under lights from which the calibration may have been measured."""
+    """Yield the part under true lights, drawn at random from the errors of the calibration."""
     rng = np.random.default_rng(0)
     calibration, count = part.calibration, len(part.lighting)
     lights = calibration.lights

@@ -107,7 +107,7 @@ def checked_stack(images: Images, lights: int) -> Array:
     if len(images) != lights:
         raise InputError(f"{len(images)} images for {lights} lights; give one image each")
     if len(images) > 255:
-        raise InputError(f"{len(images)} lights; at most 255 are handled")
+        raise InputError(f"{len(images)} lights; give at most 255")
     if images.dtype == np.float32:
         for index, image in enumerate(images):
             _check_values(image, f"image {index}")
@@ -229,8 +229,8 @@ def noise_of_sensor(sensor: SensorNoise, ambient: Array | None, gains: FloatMap)
 def noise_of_images(stack: ImageStack, gains: FloatMap, lighting: Lighting) -> float:
     """Standard deviation of a pixel times gains.
 
-    It is the smallest residual of the N - 3 combinations of lights that a Lambertian surface
-    cancels; with three lights there is none, and it is that of the rounding.
+    It is from the smallest residuals of the N - 3 combinations of lights that a Lambertian surface
+    cancels. Three lights leave no combination: then it is the rounding alone.
     """
     rounding = 0.0
     if stack.images.dtype.kind != "f":
@@ -297,7 +297,7 @@ def _variance(energies: FloatMap, freedom: int, min_variance: float) -> float:
     sums = np.cumsum(ordered, dtype=np.float64)
     tenth = float(ordered[len(ordered) // 10])
     variance = max(min_variance, tenth / chi_squared(freedom, _TENTH))
-    # Until the variance stays; 30 rounds bound a slow approach.
+    # Iterate to a fixed point, at most 30 times.
     for _ in range(30):
         limit = chi_squared(freedom, BEYOND_NOISE) * variance
         count = int(np.searchsorted(ordered, limit, "right"))

@@ -193,7 +193,7 @@ class Lighting:
 
 
 def light_fault(direction: Sequence[float], intensity: float = 1.0) -> str | None:
-    """Why there can be no light of this direction and intensity; None if there can."""
+    """Describe what is wrong with the direction or intensity of a light; None if nothing is."""
     # Squares of larger numbers would overflow.
     if not all(abs(component) <= 1e9 for component in direction) or max(map(abs, direction)) < 1e-9:
         return (

@@ -15,9 +15,9 @@ SHADOW_FLOOR = np.float32(0.1)
 # shadow.
 MAYBE_SHADOW = 0.2
 NO_DROPPED_LIGHT = 255
-# A light is dark at a pixel if it gives no more than DARK standard deviations of a pixel without
-# light, but at most half of the brightest light: a dark material is all noise without shadow. It
-# is dark in any case below the share LEAK of the second brightest light, which is not a highlight:
+# A light is dark at a pixel up to DARK standard deviations of the noise without light. This limit
+# is at most half of the brightest light: a dark material is all noise, without a shadow. A light is
+# also dark up to the share LEAK of the second brightest one (the brightest may be a highlight):
 # shadows get light from the surface around them.
 DARK = np.float32(3.0)
 LEAK = np.float32(0.03)

@@ -1,8 +1,8 @@
 """Files of one JSON header and plain numpy arrays, in a zip without compression.
 
 Libraries, calibrations and defect models are such files. A file may come from anywhere: it is
-checked before it is used. A stored array can be mapped into memory:
-a library of 100,000 references opens at once, and only the signatures that a match needs are read.
+checked before it is used. A stored array can be mapped into memory: a library of 100,000 references
+opens at once, and only the signatures that a match needs are read.
 """
 
 import hashlib
@@ -95,7 +95,7 @@ class ArrayArchive:
                 raise self.error("the header is not a JSON object")
             version = raw["version"]
             if isinstance(version, int) and version != kind.version:
-                newer = "use a newer ps4rig or " * (version > kind.version)
+                newer = "use a newer ps4rig or " if version > kind.version else ""
                 raise kind.error(
                     f"{kind.noun} version {version}; this program reads {kind.version}; "
                     f"{newer}{kind.remedy}"
@@ -190,12 +190,12 @@ def write_archive(path: Path, kind: ArchiveKind, header: str, arrays: Mapping[st
 
 def arrays_sha256(header: str, arrays: Mapping[str, Array]) -> str:
     """SHA-256 over a text, and over arrays with their names, types and shapes."""
-    hashed = hashlib.sha256(header.encode())
+    digest = hashlib.sha256(header.encode())
     for name in sorted(arrays):
         plain = np.ascontiguousarray(arrays[name])
-        hashed.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())
-        hashed.update(plain.tobytes())
-    return hashed.hexdigest()
+        digest.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())
+        digest.update(plain.tobytes())
+    return digest.hexdigest()
 
 
 class _ArraysHeader(BaseModel):

@@ -1,4 +1,4 @@
-"""Types of arrays; their shapes stand where an array is made or taken."""
+"""Types of arrays; the docstrings that name an array give its shape."""
 
 from typing import Any
 

@@ -43,8 +43,8 @@ class _KernelCache(FunctionCache):
 class _CodeFiles(IndexDataCacheFile):
     """An index, and files of machine code named by the hash of their content.
 
-    numba numbers these files. After a kill, one of them can be of older source, and runs without an
-    error.
+    numba would number the files. After a kill, a file of older source could have a current number,
+    and would run without an error.
     """
 
     def __init__(self, folder: str, kernel_name: str, source_stamp: object) -> None:

@@ -123,7 +123,6 @@ def durable_folder(folder: Path, names: Collection[str], marker: str) -> Iterato
             temporary.rename(folder)
             sync(folder.parent)
             return
-        # The marker is removed first, and renamed last.
         order = sorted(names, key=lambda name: name != marker)
         for name in order:
             (folder / name).unlink(missing_ok=True)

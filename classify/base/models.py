@@ -112,9 +112,9 @@ def validation_message(error: ValidationError, root: type[BaseModel], section: s
         case "value_error":  # names key and value itself
             return ": ".join(filter(None, (field, cause.removeprefix("Value error, "))))
         case "missing":
-            model = _fields_at(location[:-1], root).get(str(location[-1]))
-            described = f": {model.description}" if model and model.description else ""
-            return f"{field} is missing; give it{described}"
+            info = _fields_at(location[:-1], root).get(str(location[-1]))
+            description = f": {info.description}" if info and info.description else ""
+            return f"{field} is missing; give it{description}"
         case "extra_forbidden" | "unexpected_keyword_argument":
             return f"{field} = {toml_text(value)}: {_unknown_key(location, root)}"
         case "too_short" | "too_long":

@@ -206,7 +206,7 @@ def map_in_threads(function: Callable[[_Item], _Result], items: Sequence[_Item])
             results[index] = function(items[index])
 
     helpers = min(thread_count(), len(items)) - 1
-    tasks = [_kept_workers().submit(work) for _ in range(helpers)]
+    tasks = [_shared_workers().submit(work) for _ in range(helpers)]
     try:
         work()
     finally:
@@ -228,7 +228,7 @@ def in_background(work: Callable[[], _Result], *, is_long: bool = False) -> Call
     # further down the same stack: a deadlock.
     if thread_count() == 1:
         return work
-    workers = _kept_workers()
+    workers = _shared_workers()
     task = workers.submit(work, is_long=is_long)
     return lambda: workers.result_of(task)
 
@@ -246,7 +246,7 @@ def run_on_rows(
         map_in_threads(lambda strip: function(*strip), strips)
 
 
-def _kept_workers() -> _Workers:
+def _shared_workers() -> _Workers:
     """The thread pool of this process; starting threads takes as long as a small frame."""
     global _workers
     count = thread_count() - 1

@@ -26,7 +26,7 @@ _NO_HORIZON = -1e30
 def cast_shadow(height: FloatMap, direction: npt.ArrayLike) -> BoolArray:
     """(H, W) whether the points of a height in px are in shadow.
 
-    A point x is if z(x + d) - z(x) > d cot(slant) for a distance d along the azimuth of
+    A point x is in shadow if z(x + d) - z(x) > d cot(slant) for a distance d along the azimuth of
     `direction`, which is (x right, y up, z > 0).
     """
     light = np.asarray(direction, dtype=np.float64)

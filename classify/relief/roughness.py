@@ -165,14 +165,14 @@ def roughness_uncertainty(
         (roughness.sdq - sdq) / math.sqrt(3.0),
         repaired_variance / max(2.0 * roughness.sdq, _MIN_DIVISOR),
     )
-    share = u_sdq / max(roughness.sdq, _MIN_DIVISOR)
-    u_sq = math.hypot(share * roughness.sq_px, (roughness.sq_px - sq) / math.sqrt(3.0))
+    relative_u = u_sdq / max(roughness.sdq, _MIN_DIVISOR)
+    u_sq = math.hypot(relative_u * roughness.sq_px, (roughness.sq_px - sq) / math.sqrt(3.0))
     return RoughnessUncertainty(
         corrected=Roughness(sdq, roughness.sdr_percent, roughness.sa_px, sq, count),
         expanded=Roughness(
             _COVERAGE_FACTOR * u_sdq,
             # Sdr is half of Sdq^2 for small slopes.
-            _COVERAGE_FACTOR * 2.0 * share * roughness.sdr_percent,
+            _COVERAGE_FACTOR * 2.0 * relative_u * roughness.sdr_percent,
             _COVERAGE_FACTOR * u_sq * roughness.sa_px / max(roughness.sq_px, _MIN_DIVISOR),
             _COVERAGE_FACTOR * u_sq,
             count,
@@ -252,7 +252,7 @@ def common_error(
     y, x = (plane[valid] for plane in np.meshgrid(-rows, columns, indexing="ij"))
     b, sdq = np.stack([-p, -q, np.ones_like(p)]), math.sqrt(float(np.mean(p * p + q * q)))
     weights = np.linalg.pinv(lighting.directions)
-    means, squares, sdqs = np.zeros(2), 0.0, 0.0
+    mean_variances, slope_variance, sdq_variance = np.zeros(2), 0.0, 0.0
     for k, direction in enumerate(lighting.directions):
         across = np.radians(lights.direction_errors_deg[k]) * np.linalg.svd(direction[None])[2][1:]
         changes = [*across @ b, lights.residual * (direction @ b)]
@@ -260,13 +260,14 @@ def common_error(
             # The image of a near light is b . (l - X / R).
             distance = np.linalg.norm(lighting.positions_px[k])
             changes.append(-(p * x + q * y) * lights.distance_errors[k] / distance)
-        value = response_error / lighting.intensities[k]
-        changes.append(value * np.sqrt(1.0 + p * p + q * q) / np.maximum(albedo, _MIN_DIVISOR))
+        share = response_error / lighting.intensities[k]
+        changes.append(share * np.sqrt(1.0 + p * p + q * q) / np.maximum(albedo, _MIN_DIVISOR))
         for change in changes:
             changed_x, changed_y, changed_z = b + weights[:, k, None] * change
             errors = np.stack([-changed_x / changed_z - p, -changed_y / changed_z - q])
-            means += np.square(errors.mean(axis=1))
-            squares += float(np.square(errors).sum(axis=0).mean())
+            mean_variances += np.square(errors.mean(axis=1))
+            slope_variance += float(np.square(errors).sum(axis=0).mean())
             changed_sdq = math.sqrt(float(np.mean(np.square(errors - b[:2]).sum(axis=0))))
-            sdqs += (changed_sdq - sdq) ** 2
-    return _CommonError(math.sqrt(float(means.sum())), math.sqrt(squares), math.sqrt(sdqs))
+            sdq_variance += (changed_sdq - sdq) ** 2
+    mean_variance = float(mean_variances.sum())
+    return _CommonError(*map(math.sqrt, (mean_variance, slope_variance, sdq_variance)))
