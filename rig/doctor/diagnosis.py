@@ -1,9 +1,10 @@
 """All checks of a rig, one after the other."""
 
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 
 from classify.base.compiling import kernel_cache_folder
 from classify.base.errors import ConfigError, Ps4rigError
@@ -36,11 +37,15 @@ def diagnose(
     rig: str | Path,
     timeouts: LinkTimeouts = DEFAULT_TIMEOUTS,
     more_checks: Callable[[Rig], Iterator[Check]] | None = None,
+    camera: Mapping[str, float] = MappingProxyType({}),
 ) -> Generator[Check]:
-    """Make all checks, `more_checks` of the open rig last; a failed check prevents no other."""
+    """Make all checks, `more_checks` of the open rig last; a failed check prevents no other.
+
+    The settings `camera` replace those of the configuration.
+    """
     config: RigConfig | None = None
     try:
-        config = config_of(rig)
+        config = config_of(rig).with_changes(camera=dict(camera))
     except ConfigError as error:
         advice = "ps4rig rig init writes one with all keys"
         yield Check("configuration", "fault", str(error), advice)

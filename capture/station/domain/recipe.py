@@ -54,6 +54,11 @@ class Light(Section):
         default=None, ge=0, le=2**31 - 1, description="instead of that in rig.toml"
     )
 
+    @property
+    def of_camera(self) -> dict[str, float]:
+        """The settings that replace those of ``[camera]`` in ``rig.toml``."""
+        return self.model_dump(exclude_none=True)
+
 
 class CalibrationRule(Section):
     """Whether a calibration is required, and the greatest age of its oldest part.

@@ -2,10 +2,12 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
 from capture.base.utc_time import local_time
+from capture.calibration.setting import Setting
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.own_folder import SECRETS, too_open
@@ -16,11 +18,12 @@ from capture.station.judge.inspector import Inspector
 from capture.station.results.chain import broken_links
 from capture.station.results.store import open_store
 from classify.base.errors import InputError
+from rig import Rig
 from rig.doctor.check import Check, Status, run_checks
 from rig.doctor.diagnosis import diagnose
 
 from .recovery import require_own_sets
-from .self_test import check_calibration_age, check_disk, check_results, set_bytes
+from .self_test import check_calibration_age, check_disk, check_results, check_setting, set_bytes
 
 _NEWEST_LINKS = 1000  # checked in 0.05 s
 
@@ -42,10 +45,23 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
     station = opened[0]
     yield from run_checks("permissions", lambda: _check_permissions(folder))
     yield from run_checks("disk", lambda: _check_disk(station))
-    yield from run_checks("recipe", lambda: _check_recipe(station))
+    inspectors: list[Inspector] = []  # one, or none if the recipe cannot be loaded
+
+    def check_recipe() -> Iterator[Check]:
+        files = station.recipe_files(first_recipe(station))
+        inspectors.append(Inspector.load(files, station.rig_config().calibration))
+        yield from _check_recipe(files, inspectors[0])
+
+    yield from run_checks("recipe", check_recipe)
     yield from run_checks("results", lambda: _check_results(station))
     yield from _check_extras(station.config)
-    yield from diagnose(station.config.rig_in(folder))
+    rig = station.config.rig_in(folder)
+    if not inspectors:
+        yield from diagnose(rig)
+        return
+    inspector = inspectors[0]
+    camera = inspector.recipe.light.of_camera
+    yield from diagnose(rig, more_checks=partial(_check_taught, inspector), camera=camera)
 
 
 def _check_disk(station: StationFolder) -> Iterator[Check]:
@@ -69,9 +85,7 @@ def _check_permissions(folder: Path) -> Iterator[Check]:
     )
 
 
-def _check_recipe(station: StationFolder) -> Iterator[Check]:
-    files = station.recipe_files(first_recipe(station))
-    inspector = Inspector.load(files, station.rig_config().calibration)
+def _check_recipe(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:
     recipe = inspector.recipe
     text = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"
     yield Check("recipe", "ok", f"{text}; fails {', '.join(recipe.fails) or 'no known texture'}")
@@ -84,6 +98,12 @@ def _check_recipe(station: StationFolder) -> Iterator[Check]:
         yield Check("approval", status, f"the recipe {state}", "run ps4rig station approve")
     yield from run_checks("challenge", lambda: _check_challenge(files, inspector))
     yield from check_calibration_age(inspector.calibration, recipe.calibration)
+
+
+def _check_taught(inspector: Inspector, rig: Rig) -> Iterator[Check]:
+    """Check that the open rig is the one that the recipe was taught on."""
+    faults = list(check_setting(inspector.faults_of(Setting.of_rig(rig))))
+    yield from faults or [Check("taught rig", "ok", "camera, frame and lights are the taught ones")]
 
 
 def _check_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:

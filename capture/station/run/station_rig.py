@@ -178,8 +178,7 @@ class StationRig:
             del self._parts[next(iter(self._parts))]
 
     def _with_light_of(self, recipe: Recipe) -> RigConfig:
-        settings = recipe.light.model_dump(exclude_none=True)
-        return self._base_config.with_changes(camera=settings) if settings else self._base_config
+        return self._base_config.with_changes(camera=recipe.light.of_camera)
 
     def _place(self, number: int) -> None:
         """Put a part below the camera of a simulated rig."""

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from capture.station.domain.folder import StationFolder, keep_recipe
+from capture.station.domain.recipe import Light
 from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.judge.approval import approve
 from capture.station.judge.challenge import require_challenge
@@ -62,6 +63,48 @@ def test_each_fault_is_one_line_and_the_checks_go_on(
     assert (found["modbus"], found["mqtt"]) == ("ok", "fault")
     assert found["permissions"] == "warning"
     assert "pip install 'ps4rig[mqtt]'" in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "difference"),
+    [
+        ("[lights]", 'name = "line-4"\n[lights]', "rig 'line-4' instead of 'rig'"),
+        ("[camera]", "tilts_deg = [90, 0, 180, 270]\n[camera]", "lights in another order"),
+        ("height_px = 256", "height_px = 128", "256 x 128 px instead of 256 x 256 px"),
+    ],
+)
+def test_a_rig_that_is_not_the_taught_one_is_a_fault(
+    station: Path,
+    files: RecipeFolder,
+    small_rig: Path,
+    ps4rig: Callable[..., Any],
+    before: str,
+    after: str,
+    difference: str,
+) -> None:
+    approve(files, "Ada")
+    small_rig.write_text(small_rig.read_text().replace(before, after))
+    result = ps4rig("station", "doctor", station, "--json")
+    texts = [check["seen"] for check in json.loads(result.stdout)["checks"]]
+    assert any(difference in text for text in texts)
+    assert statuses(result)["taught rig"] == "fault"
+    assert result.exit_code == 1
+
+
+@pytest.mark.parametrize(("exposure_ms", "status"), [(20.0, "ok"), (15.0, "fault")])
+def test_the_rig_is_tested_with_the_exposure_of_the_recipe(
+    station: Path,
+    files: RecipeFolder,
+    small_rig: Path,
+    ps4rig: Callable[..., Any],
+    exposure_ms: float,
+    status: str,
+) -> None:
+    small_rig.write_text(small_rig.read_text().replace("[camera]", "[camera]\nexposure_ms = 15.0"))
+    light = Light(exposure_ms=exposure_ms)
+    write_recipe(files.file, read_recipe(files.file).model_copy(update={"light": light}))
+    approve(files, "Ada")
+    assert statuses(ps4rig("station", "doctor", station, "--json"))["taught rig"] == status
 
 
 @pytest.mark.parametrize("command", ["doctor", "challenge", "gauge"])
