@@ -24,7 +24,7 @@ from .challenge_set import (
     remove_from_challenge,
 )
 from .inspector import Inspector
-from .recipe_settings import save_settings, setting_changes, with_settings
+from .recipe_settings import save_settings, setting_changes
 from .recipe_state import RecipeState, state_of
 from .teaching.teaching import teach
 from .teaching.teaching_result import Teaching
@@ -59,15 +59,9 @@ class RecipeChanges:
         """Take a part out of the challenge set; raises InputError if it is not there."""
         remove_from_challenge(self.files.challenge, file, self._record_part)
 
-    def save_settings(self, seen_sha256: str, values: Mapping[str, Any]) -> Recipe:
+    def save_settings(self, seen_sha256: str, values: Mapping[str, Any]) -> None:
         """Give the recipe other settings."""
-        before = read_recipe(self.files.file)
-        require_unchanged(before, seen_sha256)
-        after = with_settings(before, values)
-        if not setting_changes(before, after):
-            return before
-        save_settings(self.files, after, seen_sha256, self._record_settings)
-        return after
+        save_settings(self.files, values, seen_sha256, self._record_settings)
 
     def approve(self, by: str, seen_sha256: str | None = None) -> Recipe:
         """Approve the recipe, unless `by` has approved it already.

@@ -74,16 +74,18 @@ def setting_changes(before: Recipe, after: Recipe) -> list[_SettingChange]:
 
 def save_settings(
     files: RecipeFolder,
-    recipe: Recipe,
+    values: Mapping[str, Any],
     seen_sha256: str,
     record: RecordChange = lambda *_: None,
 ) -> None:
-    """Replace the recipe by a changed one, unless its hash is no longer `seen_sha256`."""
+    """Give a recipe new values for the given keys, unless its hash is no longer `seen_sha256`."""
     with files.changing():
         before = read_recipe(files.file)
         require_unchanged(before, seen_sha256)
-        record(before, recipe)
-        write_recipe(files.file, recipe)
+        after = with_settings(before, values)
+        if setting_changes(before, after):
+            record(before, after)
+            write_recipe(files.file, after)
 
 
 def _flat_settings(recipe: Recipe) -> Iterator[tuple[str, str]]:

@@ -23,7 +23,7 @@ from capture.station.judge.fault_study import (
     with_fault,
 )
 from capture.station.judge.inspector import Inspection, Inspector
-from capture.station.judge.recipe_settings import save_settings, with_settings
+from capture.station.judge.recipe_settings import save_settings
 from tests.capture.station.teaching_sets import SIDE_PX, patch
 
 MIDDLE = Place(0.0, 0.0, 0.0)
@@ -115,7 +115,7 @@ def test_a_study_says_from_which_size_on_a_fault_is_found(files: RecipeFolder) -
 def test_a_study_of_another_state_of_the_recipe_does_not_count(files: RecipeFolder) -> None:
     keep_study(files, Inspector.load(files), [finding(0.2, 10)])
     before = read_recipe(files.file)
-    save_settings(files, with_settings(before, {"note": "x"}), before.sha256)
+    save_settings(files, {"note": "x"}, before.sha256)
     assert kept_study(files, Inspector.load(files)) is None
 
 
@@ -128,8 +128,7 @@ def test_a_recipe_that_passes_a_great_fault_is_not_approved_unless_it_says_so(
         approve(files, "Ada")
     assert "stain" not in str(refused.value)
     before = read_recipe(files.file)
-    known = with_settings(before, {"acknowledged": ["hole"]})
-    save_settings(files, known, before.sha256)
+    save_settings(files, {"acknowledged": ["hole"]}, before.sha256)
     keep_study(files, Inspector.load(files), [finding(0.2, 0, "hole")])
     assert approve(files, "Ada").acknowledged == ("hole",)
 

@@ -217,7 +217,7 @@ def test_a_state_that_was_approved_comes_back_and_later_versions_stay(
 ) -> None:
     first = approve(files, "Ada")
     changed = with_settings(first, {"note": "another note"})
-    save_settings(files, changed, first.sha256)
+    save_settings(files, {"note": "another note"}, first.sha256)
     approve(files, "Bob", changed.sha256)
     assert {each.note for each in approved_states(files)} == {None, "another note"}
     with pytest.raises(RecipeError, match="changed by somebody else"):
