@@ -47,11 +47,11 @@ class SpecimenReference:
         except InputError:
             pass  # too small or too empty for a texture: no orientation, and no focus
 
-    def measures(self, loaded: LoadedSet) -> SetMeasures:
-        """Compare a set of the same specimen; `orientation_deg` of its metadata was entered."""
-        captured, surface = loaded.captured, _solved(loaded)
-        measures, warnings = _measures_alone(captured, surface)
-        signal = sum(measures.led_levels)
+    def compared(
+        self, captured: CapturedSet, surface: SurfaceEstimate, alone: SetMeasures
+    ) -> SetMeasures:
+        """Add the differences of a set of the same specimen to the measures that need no other."""
+        warnings, signal = [*alone.warnings], sum(alone.led_levels)
         if abs(signal / self._signal - 1.0) > _MAX_SIGNAL_CHANGE:
             warnings.append(
                 f"light changed by {signal / self._signal - 1.0:+.0%} since the first set of the "
@@ -72,7 +72,7 @@ class SpecimenReference:
         if blur_px is not None and blur_px > _MAX_BLUR_PX:
             warnings.append(f"{blur_px:.1f} px blurrier than the first set of the specimen")
         estimates = {"estimated_deg": estimated_deg, "blur_px": blur_px}
-        return measures.model_copy(update={**estimates, "warnings": tuple(warnings)})
+        return alone.model_copy(update={**estimates, "warnings": tuple(warnings)})
 
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None
@@ -106,27 +106,25 @@ class SpecimenReference:
             return None
 
 
-def measures_of_first(loaded: LoadedSet) -> SetMeasures:
-    """Measure the first set of a specimen."""
-    measures, warnings = _measures_alone(loaded.captured, _solved(loaded))
-    return measures.model_copy(update={"warnings": tuple(warnings)})
+def measures_of(loaded: LoadedSet, reference: SpecimenReference | None) -> SetMeasures:
+    """Measure a set, and compare it with its specimen, unless it is the first one.
+
+    `orientation_deg` of its metadata is the one that was entered.
+    """
+    captured, surface = loaded.captured, _solved(loaded)
+    saturated, shadowed = float(surface.saturated.mean()), float(surface.shadow_mask.mean())
+    is_saturated = saturated > MAX_SATURATED_SHARE
+    measures = SetMeasures(
+        led_levels=light_signals(captured),
+        saturated=saturated,
+        shadowed=shadowed,
+        warnings=(f"{saturated:.1%} of the pixels are saturated",) if is_saturated else (),
+    )
+    return measures if reference is None else reference.compared(captured, surface, measures)
 
 
 def _solved(loaded: LoadedSet) -> SurfaceEstimate:
     return loaded.solve_texture(None, planar=True)
-
-
-def _measures_alone(
-    captured: CapturedSet, surface: SurfaceEstimate
-) -> tuple[SetMeasures, list[str]]:
-    saturated, shadowed = float(surface.saturated.mean()), float(surface.shadow_mask.mean())
-    warnings = []
-    if saturated > MAX_SATURATED_SHARE:
-        warnings.append(f"{saturated:.1%} of the pixels are saturated")
-    measures = SetMeasures(
-        led_levels=light_signals(captured), saturated=saturated, shadowed=shadowed
-    )
-    return measures, warnings
 
 
 def light_signals(captured: CapturedSet) -> tuple[float, ...]:
@@ -192,9 +190,7 @@ def _measured_again(entries: Iterable[SetEntry], folder: Path) -> Iterator[SetEn
     for entry in entries:
         try:
             loaded = LoadedSet.of(folder / (entry.file or ""))
-            measures = (
-                measures_of_first(loaded) if reference is None else reference.measures(loaded)
-            )
+            measures = measures_of(loaded, reference)
             if reference is None and entry.entered_specimen:
                 reference = SpecimenReference(loaded)
         except InputError:

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable
 from contextlib import ExitStack
-from dataclasses import dataclass
 from functools import partial
 from importlib.metadata import version
 from itertools import groupby
@@ -21,26 +20,19 @@ from . import events
 from .events import Answer, Ask, Publish
 from .folder import SessionFolder
 from .journal import FinishReason, RunRecord, SetEntry
-from .measures import SpecimenReference, enter_corrections, measures_of_first
+from .measures import SpecimenReference, enter_corrections, measures_of
 from .plan import SEARCH, PlannedSet
 from .plan_change import rig_changes, rig_settings
 from .rig_checks import check_rig, compare_rig, find_exposure_ms, rotate_specimen
 
 
-@dataclass(frozen=True)
-class _Finish:
-    """The end of a run, with the reason if it is not evident."""
+class _End(Exception):  # noqa: N818 - also of a complete session
+    """The end of a run, with the reason if it is not evident; raised to leave the loop of sets."""
 
-    finish: FinishReason
-    reason: str | None = None
-    error: Ps4rigError | None = None
-
-
-class _Stopped(Exception):  # noqa: N818 - a decision of the operator, no error
-    """Raised to leave the loop over the sets."""
-
-    def __init__(self, finish: _Finish) -> None:
-        self.finish = finish
+    def __init__(
+        self, finish: FinishReason, reason: str | None = None, error: Ps4rigError | None = None
+    ) -> None:
+        self.finish, self.reason, self.error = finish, reason, error
 
 
 def run_session(
@@ -72,14 +64,14 @@ def run_session(
             runner.adopt()
             runner.compare_rig()
             runner.capture_all()
-            end = _Finish("incomplete" if folder.missing() else "complete")
-        except _Stopped as stopped:
-            end = stopped.finish
+            end = _End("incomplete" if folder.missing() else "complete")
+        except _End as raised:
+            end = raised
         except KeyboardInterrupt:
-            _end(folder, _Finish("interrupted"), publish, runner)
+            _end(folder, _End("interrupted"), publish, runner)
             raise
         except Ps4rigError as error:
-            end = _Finish("failed", str(error), error)
+            end = _End("failed", str(error), error)
     finished = _end(folder, end, publish, runner)
     if end.error is not None:
         raise end.error
@@ -87,7 +79,7 @@ def run_session(
 
 
 def _end(
-    folder: SessionFolder, end: _Finish, publish: Publish, runner: "_Runner"
+    folder: SessionFolder, end: _End, publish: Publish, runner: "_Runner"
 ) -> events.SessionFinished:
     folder.release()
     folder.update(folder.journal.with_run_ended(utc_text(), end.finish, end.reason))
@@ -161,7 +153,7 @@ class _Runner:
             return
         self._rig = self._closing.enter_context(open_rig(self._config))
         if compare_rig(self._rig, calibration_file, self._ask, self._publish) is Answer.STOP:
-            raise _Stopped(_Finish("stopped"))
+            raise _End("stopped")
 
     def capture_all(self) -> None:
         """Capture the missing sets, placement after placement."""
@@ -171,7 +163,7 @@ class _Runner:
             first = placements[index][0]
             match self._ask(events.PlaceSpecimen(first, partial(self._live_rig, first))):
                 case Answer.STOP:
-                    raise _Stopped(_Finish("stopped"))
+                    raise _End("stopped")
                 case Answer.REPEAT:
                     # The previous placement once more, if there was one.
                     if last is not None:
@@ -216,7 +208,7 @@ class _Runner:
                     self._leave_out([planned], "; ".join(warnings))
                     return
                 if answer is Answer.STOP:
-                    raise _Stopped(_Finish("stopped"))
+                    raise _End("stopped")
             if self._reference is not None and self._reference[0] == path:
                 self._reference = None  # the first set of its specimen is replaced
             entered = self._folder.keep(planned, captured, entry)
@@ -232,7 +224,7 @@ class _Runner:
         self._publish(events.SetFailed(planned, str(error)))
         answer = self._ask(events.DecideFailure(planned, str(error), lost_rig))
         if answer is Answer.STOP:
-            raise _Stopped(_Finish("failed", str(error), error) if lost_rig else _Finish("stopped"))
+            raise _End("failed", str(error), error) if lost_rig else _End("stopped")
         if answer is Answer.SKIP:
             self._leave_out([planned], str(error))
         return answer
@@ -272,14 +264,12 @@ class _Runner:
     def _entry(self, planned: PlannedSet, loaded: LoadedSet) -> SetEntry:
         """Measure a set against the first one of its specimen."""
         metadata = loaded.captured.metadata
-        first = self._folder.first_set_of(metadata.specimen or "")
-        if first is None:
-            measures = measures_of_first(loaded)
-        else:
+        first, reference = self._folder.first_set_of(metadata.specimen or ""), None
+        if first is not None:
             if self._reference is None or self._reference[0] != first:
                 self._reference = first, SpecimenReference(LoadedSet.of(first))
-            measures = self._reference[1].measures(loaded)
-        return SetEntry.of(planned, metadata, measures)
+            reference = self._reference[1]
+        return SetEntry.of(planned, metadata, measures_of(loaded, reference))
 
     def _leave_out(self, planned_sets: Iterable[PlannedSet], reason: str) -> None:
         journal = self._folder.journal

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from capture import CapturedSet
-from capture.session.measures import SpecimenReference
+from capture.session.measures import SpecimenReference, measures_of
 from capture.sets.captured_set import LoadedSet
 from classify import Lighting, TextureLibrary
 from classify.texture.orientation import MIN_SHARPNESS
@@ -103,7 +103,7 @@ def flags_of(surface: PeriodicSurface, sets: int, side_px: int, seed: int) -> Fl
             (MISTYPED_DEG, mistyped),
             (-MISTYPED_DEG, mistyped),
         ):
-            measures = reference.measures(entered(captured, asked_deg + offset_deg))
+            measures = measures_of(entered(captured, asked_deg + offset_deg), reference)
             flagged.append(any("the texture stands at" in said for said in measures.warnings))
     return Flags(float(np.median(sharpness)), float(np.mean(correct)), float(np.mean(mistyped)))
 
