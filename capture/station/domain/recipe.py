@@ -129,7 +129,7 @@ class Recipe(Section):
     calibration: CalibrationRule = Field(
         default=CalibrationRule(), description="whether a calibration is required"
     )
-    # Named in `made_faults.FAULTS`.
+    # Named in `fault_study.FAULTS`.
     acknowledged: tuple[Text, ...] = Field(
         default=(),
         max_length=100,

@@ -25,7 +25,7 @@ from .security import Denied
 
 # Browsers cache pictures, and revalidate them before each use.
 _CACHE_CONTROL = "private, no-cache"
-# The pictures of a part take 0.1 s, and up to `picture_maker.MAX_WAITING` parts wait before it.
+# The pictures of a part take 0.1 s, and up to `part_pictures.MAX_WAITING` parts wait before it.
 MAX_WAIT_S = 30.0
 _Size = Annotated[
     Literal["small", "large"],

@@ -27,7 +27,7 @@ from classify.base.regular_file import read_regular_file
 from .recipe_form import RecipeForm, settings_of
 from .recipe_work import add_parts_to_challenge, start_replay, start_teaching
 
-# No more than the parts that may wait for pictures (`picture_maker.MAX_WAITING`).
+# No more than the parts that may wait for pictures (`part_pictures.MAX_WAITING`).
 _SHOWN_PARTS = 20
 _MAX_REPORT_BYTES = 1 << 26
 # The report has its style and its pictures in itself, and no script.
