@@ -124,25 +124,25 @@ def photometric_stereo(
         raise InputError(f"the mask has shape {mask.shape}, the images {stack.shape}")
     undivided = stack
     solver_lighting, divided_by = lighting, None
+    unit_lighting = replace(lighting, intensities=np.ones(len(lighting)))
     saturation = np.float32(np.inf if full_scale is None else full_scale)
     if flat_field is not None:
         divided_by = flat_field.without_cosines(lighting)
-        solver_lighting = replace(lighting, intensities=np.ones(len(lighting)))
+        solver_lighting = unit_lighting  # the flat field contains the intensities
     elif lighting.positions_px is not None:
-        unit_lighting = replace(lighting, intensities=np.ones(len(lighting)))
         divided_by = sheet_of(unit_lighting, stack.shape, lobe_exponent).without_cosines(lighting)
     if divided_by is not None:
         stack = DividedStack(stack.images, stack.ambient, divided_by, full_scale)
         saturation = divided_by.saturation(float(saturation))
-    fitted_fall_off = None
+    # For a planar part the images are divided before the fall-off is fitted to them.
+    fitted_fall_off, image_saturation = None, float(saturation)
     if planar:
         stack, divided_by = stack.materialised(), None
-        fitted_fall_off = fall_off(stack, solver_lighting, float(saturation), mask)
-    saturated_value = float(saturation)
+        fitted_fall_off = fall_off(stack, solver_lighting, image_saturation, mask)
     if fitted_fall_off is not None:
         divided_by = fitted_fall_off
-        stack = DividedStack(stack.images, stack.ambient, divided_by, saturated_value)
-        saturation = divided_by.saturation(saturated_value)
+        stack = DividedStack(stack.images, stack.ambient, divided_by, image_saturation)
+        saturation = divided_by.saturation(image_saturation)
         # Marks the intensities as given: the fall-off contains the LED levels, which the solver
         # must not estimate again.
         solver_lighting = replace(solver_lighting, intensities=solver_lighting.intensities)
@@ -160,7 +160,7 @@ def photometric_stereo(
         lighting=maps.lighting,
         planar=planar,
         divided_by=divided_by,
-        saturation=saturated_value if planar else full_scale,
+        saturation=image_saturation if planar else full_scale,
         fall_off=fitted_fall_off,
         led_levels=None if maps.lighting is solver_lighting else maps.lighting.intensities,
         left_out=maps.left_out,
