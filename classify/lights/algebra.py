@@ -47,8 +47,8 @@ def require_solvable(lighting: Lighting) -> None:
     distinct = sum(not (cosines[k, :k] > max_cosine).any() for k in range(len(L)))
     if distinct < 3:
         raise InputError(
-            f"the {len(L)} lights stand in {distinct} direction{'s' * (distinct > 1)}; slopes need "
-            "at least three, not all in one plane"
+            f"lights in different directions: {distinct} of {len(L)}; slopes need at least three, "
+            "not all in one plane"
         )
     if np.linalg.svd(L, compute_uv=False)[-1] < _MIN_SINGULAR_VALUE:
         raise InputError(

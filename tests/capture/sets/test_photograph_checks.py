@@ -142,11 +142,12 @@ def test_weak_lights_are_warnings(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("tilts", "slants", "message"),
     [
-        ([30.0] * 4, 45.0, "4 lights stand in 1"),
-        ([0.0, 180.0, 0.0, 180.0], 45.0, "4 lights stand in 2 directions"),
-        ([0.0, 90.0], 45.0, "2 lights stand in 2 directions"),
+        ([30.0] * 4, 45.0, "different directions: 1 of 4;"),
+        ([0.0, 180.0, 0.0, 180.0], 45.0, "different directions: 2 of 4;"),
+        ([0.0, 90.0], 45.0, "different directions: 2 of 2;"),
+        ([0.0], 45.0, "different directions: 1 of 1;"),
         ([0.0, 0.0, 180.0, 180.0], [20.0, 50.0, 20.0, 50.0], "in one plane"),
-        ([0.0, 90.0, 180.0, 270.0], 0.0, "4 lights stand in 1 direction"),
+        ([0.0, 90.0, 180.0, 270.0], 0.0, "different directions: 1 of 4;"),
     ],
 )
 def test_lights_that_cannot_be_solved_from_are_refused(
