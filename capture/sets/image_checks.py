@@ -215,20 +215,20 @@ def _detail(images: LightImages, explained: Floats) -> Iterator[_Finding]:
 
 
 def _order(images: LightImages, order: ShadingOrder) -> Iterator[_Finding]:
-    if order.verdict != "refuted":
+    if order.better is None:
         return
     tilts_deg, names = images.lighting.tilts_deg, images.names
-    if order.order is None:
-        text = "the shading fits the lights with y pointing down; y points up in their directions"
+    if isinstance(order.better, str):
+        text = f"the shading fits the lights with {order.better}; x is to the right and y up"
     elif len(names) <= 4:
-        best = ", ".join(f"{tilt:g}" for tilt in np.round(tilts_deg[list(order.order)], 1))
+        best = ", ".join(f"{tilt:g}" for tilt in np.round(tilts_deg[list(order.better)], 1))
         text = (
             f"by their shading the photographs were taken under tilts {best}, or all of these "
             "rotated by 180 degrees; give images and lights in the same order"
         )
     else:
-        misplaced = [k for k, light in enumerate(order.order) if k != light]
-        image, light = misplaced[0], order.order[misplaced[0]]
+        misplaced = [k for k, light in enumerate(order.better) if k != light]
+        image, light = misplaced[0], order.better[misplaced[0]]
         text = f"by its shading {names[image]} was taken under the light of {names[light]}"
         is_swap = len(misplaced) == 2
         text += " and the other way round" if is_swap else ", and others in this order too"

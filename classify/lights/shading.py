@@ -27,6 +27,14 @@ from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
 _Order = tuple[int, ...]
+_Axes = Literal["y pointing down", "x and y exchanged", "a rotation by 90 degrees"]
+
+# Errors of the axes of all lights; a rotation by 180 degrees fits as well as none.
+_WRONG_AXES: dict[_Axes, Floats] = {
+    "y pointing down": np.array([[1.0, 0.0], [0.0, -1.0]]),
+    "x and y exchanged": np.array([[0.0, 1.0], [1.0, 0.0]]),
+    "a rotation by 90 degrees": np.array([[0.0, 1.0], [-1.0, 0.0]]),
+}
 
 # tests/evidence/photograph_rates.py measures the rates of wrong and of missed refutations that the
 # constants of this file give.
@@ -80,7 +88,7 @@ class ShadingOrder:
     """Whether the shading fits the order of the lights."""
 
     verdict: Literal["confirmed", "undecided", "refuted"]
-    order: _Order | None = None  # the better one, if refuted; None for lights with y pointing down
+    better: _Order | _Axes | None = None  # order or axes that fit, if refuted
 
 
 def shading_of(
@@ -130,7 +138,7 @@ def shading_order(shading: _Shading, lighting: Lighting) -> ShadingOrder:
     orders = [*_candidates(count)]
     # (scales, orders, 2), the given order first
     misfits = np.array([
-        [_misfit(*moments, _reordered(tangents, order)) for order in orders]
+        [_misfit(*moments, _changed(tangents, order)) for order in orders]
         for moments in zip(shading.shadings, shading.steps, strict=True)
     ])  # fmt: skip
     residual, curl = misfits[misfits[:, :, 0].min(axis=1).argmin()].T
@@ -247,19 +255,21 @@ def _misfit(moments: Floats, steps: Floats, tangents: Floats) -> tuple[float, fl
     return math.sqrt(max(residual, 1e-12)), math.sqrt(max(ratio, 1e-12))
 
 
-def _candidates(count: int) -> Iterator[_Order | None]:
-    """Orders to compare, the given one first; None stands for y pointing down."""
+def _candidates(count: int) -> Iterator[_Order | _Axes]:
+    """Orders and axes to compare, the given order first."""
     if count <= 4:
         yield from itertools.permutations(range(count))
-        return
-    for shift in range(count):
-        yield tuple(np.roll(range(count), shift).tolist())
-    yield tuple(range(count))[::-1]
-    yield None
+    else:
+        for shift in range(count):
+            yield tuple(np.roll(range(count), shift).tolist())
+        yield tuple(range(count))[::-1]
+    yield from _WRONG_AXES
 
 
-def _reordered(tangents: Floats, order: _Order | None) -> Floats:
-    return tangents * (1.0, -1.0) if order is None else tangents[list(order)]
+def _changed(tangents: Floats, change: _Order | _Axes) -> Floats:
+    if isinstance(change, str):
+        return np.asarray(tangents @ _WRONG_AXES[change])
+    return tangents[list(change)]
 
 
 def _exchanged(shading: _Shading, tangents: Floats) -> _Order | None:
