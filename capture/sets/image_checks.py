@@ -21,6 +21,7 @@ from classify.base.errors import InputError
 from classify.images import ImageStack
 from classify.lights.agreement import LightAgreement, light_agreement
 from classify.lights.algebra import drop_one_constants
+from classify.lights.led_levels import LEVEL_SAMPLES, LitSamples, levels_of_many
 from classify.lights.shading import ShadingOrder, explained_detail, shading_of, shading_order
 from rig import acceptance
 
@@ -127,13 +128,15 @@ def check_photographs(
     """Check photographs inside `mask` (H, W); four lights are compared after the calibration."""
     shading = shading_of(images.images, images.ambient, images.full_scale, mask)
     order = shading_order(shading, images.lighting)
-    agreement = images.calibrated(calibration).agreement()
+    calibrated = images.calibrated(calibration)
+    agreement = calibrated.agreement()
     findings = [
         *_equal(images),
         *_levels(images, mask),
         *_detail(images, explained_detail(shading)),
         *_order(images, order),
         *_four_lights(images, agreement),
+        *_many_lights(calibrated),
     ]
     record = ChecksRecord(
         ambient_change=None,
@@ -258,3 +261,18 @@ def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Itera
                 f"{name}: by the redundancy of the images its light gives {level:.0%} {reference}"
             )
             yield _Finding(ImportCause.RESIDUAL, text, False)
+
+
+def _many_lights(images: LightImages) -> Iterator[_Finding]:
+    if len(images.images) < 5:
+        return
+    lighting = images.lighting
+    gains = (1.0 / lighting.intensities).astype(np.float32)
+    samples = ImageStack(images.images, images.ambient).sample(LEVEL_SAMPLES, gains)
+    levels = levels_of_many(LitSamples.of(*samples, images.full_scale).values, lighting)
+    if levels is None or np.abs(levels - 1.0).max() <= acceptance.MAX_LED_LEVEL_DIFFERENCE:
+        return
+    intensities = levels * lighting.intensities
+    listed = ", ".join(f"{intensity:.3f}" for intensity in intensities / np.median(intensities))
+    text = f"by their redundancy the images fit lights of the intensities {listed}"
+    yield _Finding(ImportCause.RESIDUAL, f"{text}; --lights can state them", False)

@@ -52,6 +52,9 @@ _MAX_CORRECTION = 0.1
 # and leaves at most `_MAX_MEAN_SQUARE` times that of noise and a matt surface.
 _MIN_GAIN = 1.25
 _MAX_MEAN_SQUARE = 2.0
+# Levels of five or more lights explain the residual if they divide it by `_MIN_MANY_GAIN`, as 14 on
+# cat_lights12, and are the only ones if others leave `_MIN_MANY_MARGIN` times its mean square.
+_MIN_MANY_GAIN, _MIN_MANY_MARGIN = 3.0, 10.0
 # Standard deviation of the mean slope of a part: that of a flat part, which lies within a degree in
 # a rig, and as a share of the spread of its slopes, for parts such as figurines.
 _MEAN_SLOPE, _MEAN_SLOPE_OF_RELIEF = 0.02, 0.3
@@ -150,6 +153,30 @@ def level_corrections(
         return np.asarray(fit.factors, np.float32)
     factors = 1.0 / _levels_by_brightness(values, pinv, null, lighting.directions)
     return np.asarray(factors / factors.mean(), np.float32)
+
+
+def levels_of_many(values: FloatMap, lighting: Lighting) -> Floats | None:
+    """Levels (N,) of median 1 of five or more lights; None if they do not explain the residual.
+
+    The inverse levels w minimise the mean square of null @ (w i) over the images i of `values`
+    (N, n), with null the left null space of the directions.
+    """
+    if values.shape[1] < _MIN_SAMPLES:
+        return None
+    null = np.linalg.svd(lighting.directions.T)[2][3:]
+    shares = (values / values.mean(axis=0)).astype(np.float64)
+    agreeing = np.ones(values.shape[1], np.bool_)
+    for _ in range(_ROUNDS):
+        used = shares[:, agreeing]
+        squares, vectors = np.linalg.eigh((null.T @ null) * (used @ used.T))
+        factors = vectors[:, 0] / vectors[:, 0].mean()
+        residual = np.linalg.norm(null @ (factors[:, None] * shares), axis=0)
+        agreeing = residual <= _OUTLIER * np.median(residual)
+    before = np.median(np.linalg.norm(null @ shares, axis=0))
+    is_explained = before >= _MIN_MANY_GAIN * np.median(residual) and factors.min() > 0.0
+    if not is_explained or squares[1] < _MIN_MANY_MARGIN * squares[0]:
+        return None
+    return np.asarray(np.median(factors) / factors)
 
 
 def _levels_by_brightness(

@@ -118,22 +118,51 @@ def test_a_spoilt_photograph_of_many_is_a_warning(tmp_path: Path) -> None:
     assert any("image2.png: up to 100.0%" in each for each in warnings)
 
 
-def test_weak_lights_are_warnings(tmp_path: Path) -> None:
-    """On a matt surface their redundancy tells, if it has relief."""
+def photographs_of_relief(
+    folder: Path, lighting: Lighting, levels: np.ndarray, slope: float = 0.4
+) -> list[Path]:
+    """Photographs of a matt surface under lights of these levels."""
     x, y = np.meshgrid(np.arange(200), np.arange(200))
-    p, q = 0.4 * np.sin(0.2 * x + 0.05 * y), 0.3 * np.cos(0.17 * y - 0.04 * x)
+    p, q = slope * np.sin(0.2 * x + 0.05 * y), 0.75 * slope * np.cos(0.17 * y - 0.04 * x)
     normals = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1 + p**2 + q**2)
-    ring = Lighting.ring(40.0)
-    levels = np.array([1.0, 0.8, 1.0, 1.0])[:, None, None]
-    noise = np.random.default_rng(2).normal(0, 20, (4, 200, 200))
-    images = 40_000 * levels * np.tensordot(ring.directions, normals, 1) + noise
-    folder = tmp_path
-    paths = [folder / f"{k}.tif" for k in range(4)]
+    noise = np.random.default_rng(2).normal(0, 20, (len(lighting), 200, 200))
+    shading = np.tensordot(lighting.directions, normals, 1)
+    images = 40_000 * levels[:, None, None] * shading + noise
+    paths = [folder / f"{k}.tif" for k in range(len(lighting))]
     for path, image in zip(paths, images, strict=True):
         cv2.imwrite(str(path), image.astype(np.uint16))
+    return paths
+
+
+def test_weak_lights_are_warnings(tmp_path: Path) -> None:
+    """On a matt surface their redundancy tells, if it has relief."""
+    ring = Lighting.ring(40.0)
+    paths = photographs_of_relief(tmp_path, ring, np.array([1.0, 0.8, 1.0, 1.0]))
     metadata = import_images(paths, ring).metadata
     text = "1.tif: by the redundancy of the images its light gives 80% of the others"
     assert metadata.warnings == (text,)
+
+
+@pytest.mark.parametrize("given", [(), (1.0, 0.8, 1.1, 0.9, 1.0, 0.6)])
+def test_intensities_of_many_lights_that_the_images_contradict_are_a_warning(
+    given: tuple[float, ...], tmp_path: Path
+) -> None:
+    levels = np.array([1.0, 0.5, 1.2, 0.9, 1.1, 0.7])
+    lighting = Lighting.from_angles([0.0, 55.0, 120.0, 185.0, 240.0, 300.0], 40.0)
+    paths = photographs_of_relief(tmp_path, lighting, levels)
+    directions = lighting.directions
+    (warning,) = import_images(paths, Lighting(directions, np.array(given))).metadata.warnings
+    listed = re.fullmatch(r"by their redundancy .* intensities ([\d., ]+); --lights .*", warning)
+    assert listed is not None
+    fitted = np.array([*map(float, listed[1].split(", "))])
+    np.testing.assert_allclose(fitted / fitted[0], levels / levels[0], rtol=0.01)
+    assert import_images(paths, Lighting(directions, fitted)).metadata.warnings == ()
+
+
+def test_intensities_of_many_lights_on_a_flat_part_are_unknown(tmp_path: Path) -> None:
+    lighting = Lighting.from_angles([0.0, 55.0, 120.0, 185.0, 240.0, 300.0], 40.0)
+    paths = photographs_of_relief(tmp_path, lighting, np.linspace(0.6, 1.0, 6), slope=0.0)
+    assert import_images(paths, lighting).metadata.warnings == ()
 
 
 # lights
