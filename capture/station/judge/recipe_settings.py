@@ -44,8 +44,8 @@ class _SettingChange:
 
 
 def dotted(place: Place) -> str:
-    """Return the dotted name of a field, such as ``limits.margin``."""
-    return ".".join(map(str, place))
+    """Return the dotted name of a field, such as ``limits.margin``; ``recipe`` for the whole."""
+    return ".".join(map(str, place)) or "recipe"
 
 
 def with_settings(recipe: Recipe, values: Mapping[str, Any]) -> Recipe:

@@ -113,7 +113,7 @@ class RecipeForm:
     def other_messages(self) -> list[str]:
         """Return the messages that belong to no single field; call it after `sections`."""
         return [
-            f"{dotted(place) or self._recipe.name}: {message}"
+            f"{dotted(place)}: {message}"
             for place, message in self._messages.items()
             if place not in self._shown_places
         ]

@@ -4,6 +4,7 @@ import pytest
 
 from capture.station.domain.limits import GeneralLimits, Limits
 from capture.station.domain.recipe import Recipe
+from capture.station.judge.recipe_settings import SettingsRefused, with_settings
 from capture.station.panel.recipes.recipe_form import RecipeForm, settings_of
 
 RECIPE = Recipe(name="sheet", passes=("steel",), fails=("rust",))
@@ -57,3 +58,12 @@ def test_a_number_with_a_comma_is_answered_with_what_to_write() -> None:
     }
     assert fields["light.exposure_ms"] == "write 22.5"
     assert fields["limits_of.0.sdq.0"] == "no"
+
+
+def test_a_fault_of_the_whole_recipe_has_a_name() -> None:
+    message = "limits_of.gold: is not in pass; leave these limits out"
+    with pytest.raises(SettingsRefused, match=f"^recipe: {message}") as refused:
+        with_settings(RECIPE, {"limits_of": {"gold": {"defect": 2.0}}})
+    form = RecipeForm(RECIPE, {}, refused.value.messages)
+    form.sections()
+    assert form.other_messages() == [f"recipe: {message}"]
