@@ -9,7 +9,7 @@ good set is rejected).
 # Signal of an LED (mean of its light image above ambient light) as a share of the brightest LED's.
 # Low enough for a part that is half in shadow, high enough that noise does not dominate a slope.
 DEAD_LED_SHARE = 0.1
-# Share of the brightest LED's signal below which an LED is weak: its relative noise has doubled.
+# Share of the signal of other LEDs below which an LED is weak: its noise is at least twice theirs.
 WEAK_LED_SHARE = 0.5
 # Least signal of an LED as a share of full scale: 8 of 4095 at 12 bit. A weaker one is lost in the
 # rounding. For photographs, whose depth may be a guess: of the brightest signal.

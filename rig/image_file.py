@@ -268,7 +268,9 @@ def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
         declared = samples * max(8, *np.ravel(page.bitspersample).tolist()) // 8
         _require_size(page.imagelength, page.imagewidth, declared, len(content))
         # The series of an OME-TIFF may have images in other files.
-        own_series = [] if tiff.is_ome else [each for each in tiff.series if each.keyframe is page]
+        own_series = (
+            [] if tiff.is_ome else [series for series in tiff.series if series.keyframe is page]
+        )
         if page.imagedepth > 1 or any(
             series.size != page.size or series.transform for series in own_series
         ):

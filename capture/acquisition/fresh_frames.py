@@ -149,8 +149,8 @@ class FrameHistory:
 class FreshFrames:
     """Frames exposed under the light of one switch.
 
-    `counts` has the number of received frames by kind, `lost_frames` the number of gaps in their
-    sequence numbers.
+    `counts` has the number of received frames by kind, `lost_frames` the number of frames that are
+    missing between them.
     """
 
     def __init__(self, rig: Rig, light: int | None, switch: Switch, history: FrameHistory) -> None:

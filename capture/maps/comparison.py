@@ -132,8 +132,8 @@ def _side_of_folder(folder: Path) -> _Side:
         if not np.isfinite(values[valid]).all():
             raise InputError(f"{path}: not finite where valid.tif is not 0; solve again")
         unit = unit_text(str(of_map.get("unit", "")), relative=bool(of_map.get("relative")))
-        finite_values = np.where(valid, values, np.float32(np.nan))
-        maps[name] = finite_values.astype(np.float32, copy=False), unit
+        valid_values = np.where(valid, values, np.float32(np.nan))
+        maps[name] = valid_values.astype(np.float32, copy=False), unit
     p, q, albedo = (
         np.where(valid, maps[name][0], np.float32(0.0)) for name in ("p", "q", "albedo")
     )

@@ -85,7 +85,6 @@ class SurfaceMaps:
 
     @property
     def tilts_deg(self) -> list[float]:
-        """Tilt of each light."""
         lighting = self.surface.lighting
         return [] if lighting is None else lighting.tilts_deg.tolist()
 

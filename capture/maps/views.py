@@ -39,7 +39,6 @@ class MapView:
 
     @property
     def uri(self) -> str:
-        """Address of the picture."""
         return data_uri(self.picture)
 
     @property

@@ -45,7 +45,6 @@ class LightImages:
 
     @cached_property
     def ambient_mean(self) -> float:
-        """Mean of the ambient image."""
         return _mean(self.ambient)
 
     @cached_property

@@ -56,8 +56,8 @@ class OpencvCameraConfig(VideoCameraConfig):
 class OpencvCamera:
     """A camera of ``cv2.VideoCapture``, which gives frames no time stamps.
 
-    `exposure_start_s` is the earliest time possible. A frame in the last of n buffers began after
-    the frame n + 1 places before it: one exposure and one frame period before the arrival of that.
+    `exposure_start_s` is the earliest possible start. With n buffers, that is one exposure and one
+    frame period before the arrival of the frame n + 1 places earlier.
     """
 
     def __init__(self, config: OpencvCameraConfig) -> None:

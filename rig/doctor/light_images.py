@@ -156,11 +156,8 @@ def _exposure(images: LightImages, exposure_ms: float, range_ms: tuple[float, fl
         return Check("exposure", "ok", finding)
     proposed_ms, (shortest_ms, longest_ms) = exposure_ms * rating.factor, range_ms
     if shortest_ms == longest_ms:
-        advice = "the exposure is fixed: "
-        if rating.factor < 1.0:
-            advice += "dim the LEDs, or close the aperture"
-        else:
-            advice += "brighter LEDs, or open the aperture"
+        change = "dim the LEDs, or close" if rating.factor < 1.0 else "brighter LEDs, or open"
+        advice = f"the exposure is fixed: {change} the aperture"
     elif proposed_ms <= longest_ms:
         advice = f"set camera.exposure_ms = {_rounded_down(proposed_ms):g}"
         if rating.is_saturated:

@@ -117,7 +117,6 @@ class ControllerLink:
 
     @property
     def port(self) -> str:
-        """The port it was opened on."""
         return self._line.port
 
     def ask(self, command: str) -> Reply:

@@ -115,7 +115,7 @@ class Sphere:
         return _MIRROR if self.mirror else None
 
     def patch(self, view: View) -> SurfacePatch:
-        """The ball as the camera sees it: its upper half, at the height of its centre."""
+        """The upper half of the ball, on a vertical cylinder that replaces the lower half."""
         x, y = view.part_coordinates()
         squared = self.radius_px**2 - x * x - y * y
         is_ball = squared > 0.0

@@ -147,7 +147,6 @@ class AravisCamera:
 
     @property
     def frame_rate_hz(self) -> float:
-        """Frames per second."""
         return float(call(self._camera.get_frame_rate))
 
     def set_frame_rate(self, rate_hz: float) -> None:

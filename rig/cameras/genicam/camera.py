@@ -94,7 +94,6 @@ class GenicamCamera:
         return shortest_ms, max(shortest_ms, min(longest_ms, 1e3 * self._period_s))
 
     def set_exposure(self, exposure_ms: float) -> None:
-        """Change the exposure, and read it back."""
         require_exposure(exposure_ms, self.exposure_range_ms)
         set_exposure(self._camera, self._config, exposure_ms)
         self._exposure_ms = self._camera.exposure_ms
