@@ -239,9 +239,9 @@ def _weak_leds(
     raise SetRejected(
         "set rejected: "
         + "; ".join(causes)
-        + f" (limit {limit:.0%}): an LED is weak, flickers or stays on, the exposure drifts, "
-        "or frames show two lights; if the LEDs differ by make, run ps4rig calibrate plate, or "
-        "set lights.intensities to what ps4rig rig doctor reports"
+        + f" (a difference of {limit:.0%} is allowed): an LED is weak, flickers or stays on, the "
+        "exposure drifts, or frames show two lights; if the LEDs differ by make, run ps4rig "
+        "calibrate plate, or set lights.intensities to what ps4rig rig doctor reports"
     )
 
 
