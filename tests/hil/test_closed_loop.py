@@ -1,9 +1,7 @@
 """Capture in the guest through kernel drivers; solve and classify on the host."""
 
 import json
-import os
 import subprocess
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +17,7 @@ from rig.scene.render import render_frame
 from rig.scene.synthetic import tile_side_px
 from rig.simulation.sensor import SensorModel
 
-from .checks import GUEST, Outcomes, assert_passed, names_in, run_checks
+from .checks import GUEST, Outcomes, assert_passed, compile_for_guest, names_in, run_checks
 from .guest.loop_bench import (
     EXPOSURE_MS,
     HOT_PIXELS,
@@ -58,15 +56,9 @@ class Loop:
         return sorted(self.shared.glob("part-*.ome.tif"))
 
 
-def run(*arguments: object, environment: Mapping[str, str] | None = None) -> str:
+def run(*arguments: object) -> str:
     """Run ps4rig on the host; it must succeed."""
-    done = subprocess.run(
-        ps4rig(*arguments),
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, **(environment or {})},
-    )
+    done = subprocess.run(ps4rig(*arguments), capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -74,17 +66,16 @@ def run(*arguments: object, environment: Mapping[str, str] | None = None) -> str
 @pytest.fixture(scope="module")
 def loop(tmp_path_factory: pytest.TempPathFactory) -> Loop:
     shared = tmp_path_factory.mktemp("loop")
-    # Compiled here for any processor, because it would take the guest minutes.
-    compiled = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
-    rendered = ("capture", "--rig", "sim", "--surface", SURFACE, "--rotate", ROTATE_DEG)
-    cache = {"NUMBA_CACHE_DIR": str(shared / "numba")}
-    run(*rendered, "--size", SIDE_PX, shared / "here.ome.tif", environment=compiled | cache)
     # A session compares its sets, which takes further kernels.
     plan = shared / "here.toml"
     plan.write_text(session_plan("here", f'surface = "{SURFACE}"'))
-    run("session", "run", plan, "--rig", "sim", "--yes", environment=compiled | cache)
-    there = {"NUMBA_CACHE_DIR": "/mnt/numba"}
-    outcomes = run_checks(CHECKS, shared, modules=MODULES, environment=compiled | there)
+    rendered = ("--surface", SURFACE, "--rotate", ROTATE_DEG, "--size", SIDE_PX)
+    environment = compile_for_guest(
+        shared,
+        ps4rig("capture", "--rig", "sim", *rendered, shared / "here.ome.tif"),
+        ps4rig("session", "run", plan, "--rig", "sim", "--yes"),
+    )
+    outcomes = run_checks(CHECKS, shared, modules=MODULES, environment=environment)
     return Loop(outcomes, shared)
 
 
