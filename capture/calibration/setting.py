@@ -24,6 +24,9 @@ _DEPENDS_ON_PIXEL_VALUES: tuple[PartName, ...] = ("dark", "response", "noise")
 _DEPENDS_ON_EXPOSURE: tuple[PartName, ...] = ("dark",)
 _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
 
+# Directions of lights are measured and typed into rig.toml with about this accuracy.
+_MAX_LIGHT_CHANGE_DEG = 0.5
+
 _Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
 _Side = Annotated[int, Field(ge=1, le=32768)]
 
@@ -78,6 +81,13 @@ class Setting(Record):
         """Differences of `other` that invalidate a `part` measured at this setting, in words."""
         return list(self._differences(other, part))
 
+    def all_differences(self, other: Setting) -> list[str]:
+        """Differences for which sets of `other` are not judged like sets of this setting."""
+        # Dark depends on pixel values and exposure, flat_field on the lights.
+        parts: tuple[PartName, ...] = ("dark", "flat_field")
+        found = [text for part in parts for text in self._differences(other, part)]
+        return list(dict.fromkeys(found)) or self._moved_lights(other)
+
     def _differences(self, other: Setting, part: PartName) -> Iterator[str]:
         if self.simulated != other.simulated:
             yield "one is simulated and the other is not"
@@ -123,6 +133,14 @@ class Setting(Record):
                 f"LEDs driven at {_listed(other.led_levels_percent)} instead of "
                 f"{_listed(self.led_levels_percent)} %"
             )
+
+    def _moved_lights(self, other: Setting) -> list[str]:
+        # At a slant of 45 degrees in place of 40 slopes are 16 % smaller: a deeper relief passes.
+        cosines = np.sum(np.multiply(self.light_directions, other.light_directions), axis=-1)
+        angle_deg = float(np.degrees(np.arccos(np.clip(cosines.min(initial=1.0), -1.0, 1.0))))
+        if angle_deg <= _MAX_LIGHT_CHANGE_DEG:
+            return []
+        return [f"the direction of a light differs by {angle_deg:.1f} degrees"]
 
     @property
     def _controls(self) -> dict[str, float]:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from capture.acquisition.light_checks import share_while_off
 from capture.calibration.lookup import FoundCalibration
-from capture.calibration.setting import PartName, Setting
+from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.limits import LimitedMeasures, Limits
 from capture.station.domain.recipe import Recipe
@@ -43,9 +43,6 @@ from .fingerprint import Fingerprint
 from .judge import Finding, Measures, validity_findings, verdict_of
 from .measured_surface import MeasuredSurface, fits
 
-# `Setting.differences` compares what a part of a calibration depends on: dark depends on pixel
-# values and exposure, flat_field on the lights. Together they cover the whole setting.
-_WHOLE_SETTING: tuple[PartName, ...] = ("dark", "flat_field")
 _MATCH_FIELDS = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
 _LIMITED_MEASURES = tuple(measure.name for measure in fields(LimitedMeasures))
 # Number of defects that a result lists; a part of another texture may have hundreds.
@@ -293,7 +290,7 @@ class Inspector:
 
     def faults_of(self, setting: Setting) -> Iterator[str]:
         """Yield the reasons why no set of a rig with this setting can be judged."""
-        for difference in setting_differences(self._taught.setting, setting):
+        for difference in self._taught.setting.all_differences(setting):
             yield f"not the setting that was taught: {difference}"
         region = self.recipe.region
         if not fits(region, (setting.height_px, setting.width_px)):
@@ -349,12 +346,6 @@ def _lit_while_off(captured: CapturedSet) -> tuple[tuple[str, float], ...]:
 def _finite_or_none(value: Any) -> Any:
     """A value; None for NaN and infinity, which the results cannot store."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def setting_differences(taught: Setting, other: Setting) -> list[str]:
-    """Return how another setting differs from the taught one, in words."""
-    differences = (taught.differences(other, part) for part in _WHOLE_SETTING)
-    return list(dict.fromkeys(chain.from_iterable(differences)))
 
 
 def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:

@@ -7,7 +7,6 @@ from capture.calibration.setting import Setting
 from capture.sets.captured_set import LoadedSet
 from capture.station.domain.errors import RecipeError
 from capture.station.domain.recipe import Region
-from capture.station.judge.inspector import setting_differences
 from capture.station.judge.measured_surface import MeasuredSurface, fits
 from classify import Lighting
 from classify.base.errors import InputError
@@ -99,7 +98,7 @@ def check_same_setting(parts: Sequence[TaughtPart]) -> None:
     """Check that all sets have the same setting, and all or none a calibration."""
     first = parts[0]
     for part in parts[1:]:
-        differences = setting_differences(first.setting, part.setting)
+        differences = first.setting.all_differences(part.setting)
         if part.has_calibration != first.has_calibration:
             differences.append("one has a calibration and the other has none")
         if differences:
