@@ -159,6 +159,8 @@ _MAX_SAMPLES = 16_384
 _GROUPS = 4
 # Least number of samples in a group: fewer do not determine their variance.
 _GROUP_SAMPLES = 256
+# Least numbers of levels, and of values for each, that determine the step of the rounding.
+_MIN_LEVELS, _MIN_VALUES_OF_A_LEVEL = 32, 4
 # Of this many pixels the flattest one counts as level. In the flattest tenth of a rock slopes reach
 # 0.3, and highlights no longer cancel (test_gloss_is_not_taken_for_noise).
 _LEVEL_PIXEL_DIVISOR = 32
@@ -230,11 +232,11 @@ def noise_of_images(stack: ImageStack, gains: FloatMap, lighting: Lighting) -> f
     """Standard deviation of a pixel times gains.
 
     It is from the smallest residuals of the N - 3 combinations of lights that a Lambertian surface
-    cancels. Three lights leave no combination: then it is the rounding alone.
+    cancels, and at least that of the rounding. Three lights leave no combination.
     """
     rounding = 0.0
     if stack.images.dtype.kind != "f":
-        rounding = float(gains.max()) * math.sqrt(ROUNDING_VARIANCE)
+        rounding = float(gains.max()) * math.sqrt(ROUNDING_VARIANCE) * _rounding_step(stack.images)
     freedom = len(lighting) - 3
     if freedom < 1:
         return rounding
@@ -279,6 +281,15 @@ def noise_of_images(stack: ImageStack, gains: FloatMap, lighting: Lighting) -> f
         brightness = (values + others).sum(axis=0)
         variance = min(variance, least_variance(energies, brightness, in_light & others_in_light))
     return math.sqrt(variance)
+
+
+def _rounding_step(images: Array) -> float:
+    """Median distance of the values of integer images: 257 for 8 bits that were stretched to 16."""
+    pixels = sample_pixels(images.shape[1:], _MAX_SAMPLES)
+    counts = np.bincount(images.reshape(len(images), -1).take(pixels, axis=1).ravel())
+    levels = np.flatnonzero(counts)
+    is_measure = _MIN_LEVELS <= levels.size <= counts.sum() // _MIN_VALUES_OF_A_LEVEL
+    return float(np.median(np.diff(levels))) if is_measure else 1.0
 
 
 def _flattest(values: FloatMap, lighting: Lighting) -> BoolArray | None:

@@ -72,6 +72,15 @@ def test_integer_images_have_at_least_rounding_noise() -> None:
     assert noise_of_images(ImageStack(flat.astype(np.float32), None), ONES, Lighting.ring()) < 1e-4
 
 
+@pytest.mark.parametrize("step", [4, 16, 64, 257])
+def test_values_with_steps_have_at_least_the_noise_of_their_rounding(step: int) -> None:
+    """10, 12 or 14 bits in the upper bits of 16, and 8 bits that were stretched to 16."""
+    values = 500.0 * images_of_bumps(Lighting.ring(), 0.0)
+    images = (step * np.rint(values / step)).astype(np.uint16)
+    found = noise_of_images(ImageStack(images, None), ONES, Lighting.ring())
+    assert found == pytest.approx(step * np.sqrt(1 / 12), rel=0.2)
+
+
 @pytest.mark.parametrize(("strength", "exponent"), [(0.1, 8.0), (0.3, 20.0), (0.6, 80.0)])
 def test_gloss_is_not_taken_for_noise(strength: float, exponent: float) -> None:
     """Highlights wider than the texture are in most pixels, and no Lambertian surface has them."""
