@@ -120,11 +120,11 @@ def _residual_note(surface: SolvedSet) -> str | None:
 
 
 def _levels_note(surface: SolvedSet) -> str | None:
-    levels = surface.led_levels
-    if levels is None or max(levels) == min(levels):
+    texts = [f"{level:.3f}" for level in surface.led_levels or ()]
+    if len({*texts}) < 2:
         return None
-    texts = ", ".join(f"{level:.3f}" for level in levels)
-    return f"LED levels {texts} were found in the images and divided out: the set gives none"
+    listed = ", ".join(texts)
+    return f"LED levels {listed} were found in the images and divided out: the set gives none"
 
 
 def _fall_off_note(surface: SolvedSet) -> str | None:

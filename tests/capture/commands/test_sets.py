@@ -259,6 +259,17 @@ def test_estimated_led_levels_are_printed_and_given_ones_are_used(
         assert f"{line}, found in the images" in page
 
 
+def test_levels_that_are_equal_as_printed_are_not_printed(
+    ps4rig: Command, sets: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def nearly_equal(*_: object) -> np.ndarray:
+        return np.array([1.0, 1.0001, 1.0, 0.9999], np.float32)
+
+    monkeypatch.setattr("classify.solvers.robust.level_corrections", nearly_equal)
+    result = ps4rig("solve", sets / "rock-001.ome.tif", "--out", tmp_path, "--workers", "1")
+    assert "LED levels" not in result.stdout
+
+
 def test_solve_prints_the_fall_off_that_it_divided_out(ps4rig: Command, tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     across = np.exp(np.linspace(-0.3, 0.3, 96))
