@@ -140,10 +140,14 @@ def read_mask(
             "a mask covers the same frame"
         )
     grey = image if image.ndim == 2 else image.max(axis=2)
-    mask: BoolArray = np.asarray(_cropped(grey, crop) > np.iinfo(image.dtype).max // 2)
+    grey, white = _cropped(grey, crop), np.iinfo(image.dtype).max
+    mask: BoolArray = np.asarray(grey > white // 2)
     if not mask.any():
         where = "everywhere" if crop is None else "in all of the crop"
-        raise InputError(f"{path}: the mask is black {where}; white marks the part")
+        raise InputError(
+            f"{path}: the mask is black {where}, with values up to {grey.max()} of {white}; white "
+            "marks the part"
+        )
     return mask
 
 
