@@ -222,7 +222,7 @@ def verify(
             out.print(f"{finding.path}: {finding.state}: {finding.details}")
         counts = Counter(finding.state for finding in findings)
         summary = ", ".join(f"{count} {state}" for state, count in sorted(counts.items()))
-        out.print(f"{len(paths)} files: {summary}")
+        out.print(f"files: {summary}")
     if bad_findings:
         raise typer.Exit(1)
 

@@ -55,7 +55,7 @@ def states(ps4rig: Command, folder: Path, status: int) -> dict[str, str]:
 
 def test_a_whole_archive_is_good(ps4rig: Command, archive: Path) -> None:
     result = ps4rig("verify", archive)
-    assert (result.exit_code, result.stdout) == (0, "8 files: 8 good\n")
+    assert (result.exit_code, result.stdout) == (0, "files: 8 good\n")
     assert states(ps4rig, archive, 0) == {}
 
 
