@@ -296,7 +296,7 @@ class DepartureModel:
     """Spectra, scales of responses, and statistics of the good parts of one texture."""
 
     gains: FloatMap  # (3, n // 2 + 1, n), as of `Spectrum.gains`, in the frame of the texture
-    scales: FloatMap  # (sum(SIZES),), mean highest responses in a tile of a good part
+    scales: FloatMap  # (sum(SIZES),), means of the highest responses of good parts
     cells: tuple[GoodCells, ...]  # for each of STATISTICS
     missing_texture: EvidenceModel  # of the negated log deviations of slopes and albedo
 

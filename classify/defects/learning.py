@@ -197,9 +197,9 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Observation:
-    """Spectrum of a good part, its mean tile maxima, and the statistics of its cells."""
+    """Spectrum of a good part, its highest responses, and the statistics of its cells."""
 
-    # The maxima and the statistics are whitened by the spectrum of the other half of the parts.
+    # The responses and the statistics are whitened by the spectrum of the other half of the parts.
 
     spectrum: Spectrum
     scales: npt.NDArray[np.float64]
@@ -218,12 +218,11 @@ def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[
         for index in half:
             valid = parts[index].valid
             statistics, responses = statistics_and_responses(parts[index], gains, angles[index])
-            maxima = np.array([
-                tile_maxima(response(weights), valid)
+            scales = np.array([
+                tile_maxima(response(weights), valid).max()
                 for response, size in zip(responses, SIZES, strict=True)
                 for weights in np.eye(size, dtype=np.float32)
             ])  # fmt: skip
-            scales = maxima[:, np.isfinite(maxima[0])].mean(axis=1)
             observations[index] = _Observation(spectra[index], scales, statistics()[valid])
     return [observations[index] for index in range(len(parts))]
 
