@@ -171,8 +171,7 @@ class Lighting:
         """
         if len(self) != len(other):
             return False
-        cosines = np.clip((self.directions * other.directions).sum(axis=1), -1.0, 1.0)
-        return bool(np.degrees(np.arccos(cosines)).max() <= degrees)
+        return bool(angles_between_deg(self.directions, other.directions).max() <= degrees)
 
     def light_nearest_tilt(self, tilt_deg: float, within_deg: float = 30.0) -> int:
         """Index of the light whose tilt is nearest to `tilt_deg`.
@@ -253,3 +252,9 @@ def _bytes(array: Floats | None) -> bytes:
 def _rounded(degrees: Floats) -> Floats:
     # Directions are exact to 1e-16; without rounding, 90 degrees would be 90.00000000000001.
     return np.asarray(np.round(degrees, 9), dtype=np.float64)
+
+
+def angles_between_deg(directions: Floats, others: Floats) -> Floats:
+    """(N,) angles in degrees between (N, 3) unit vectors and their counterparts."""
+    cosines = np.clip((directions * others).sum(axis=1), -1.0, 1.0)
+    return np.asarray(np.degrees(np.arccos(cosines)), np.float64)

@@ -12,6 +12,7 @@ from classify.base.errors import CalibrationRejected
 from classify.calibration.calibration import CalibratedLights, Response, Scale
 from classify.calibration.dark import Dark, measured_at
 from classify.calibration.photon_transfer import Noise
+from classify.lighting import angles_between_deg
 from classify.lights.flat_field import FlatField
 
 from .lookup import OLD_DAYS
@@ -162,8 +163,7 @@ def _scale(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Differe
 def _lights(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
     before: CalibratedLights = present.part
     now: CalibratedLights = measured.part
-    cosines = np.einsum("lx,lx->l", before.lighting.directions, now.lighting.directions)
-    angles_deg = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    angles_deg = angles_between_deg(before.lighting.directions, now.lighting.directions)
     errors_deg = zip(before.direction_errors_deg, now.direction_errors_deg, strict=True)
     positions_before, positions_now = before.lighting.positions_px, now.lighting.positions_px
     floors_deg = np.full(len(angles_deg), _FLOOR_DIRECTION_DEG)

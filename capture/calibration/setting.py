@@ -10,6 +10,7 @@ from pydantic import Field, FiniteFloat
 
 from classify.base.models import Record
 from classify.calibration.dark import SAME_EXPOSURE
+from classify.lighting import angles_between_deg
 
 if TYPE_CHECKING:
     from rig import CameraInfo, Rig
@@ -136,8 +137,8 @@ class Setting(Record):
 
     def _moved_lights(self, other: Setting) -> list[str]:
         # At a slant of 45 degrees in place of 40 slopes are 16 % smaller: a deeper relief passes.
-        cosines = np.sum(np.multiply(self.light_directions, other.light_directions), axis=-1)
-        angle_deg = float(np.degrees(np.arccos(np.clip(cosines.min(initial=1.0), -1.0, 1.0))))
+        ours, theirs = (np.reshape(setting.light_directions, (-1, 3)) for setting in (self, other))
+        angle_deg = float(angles_between_deg(ours, theirs).max(initial=0.0))
         if angle_deg <= _MAX_LIGHT_CHANGE_DEG:
             return []
         return [f"the direction of a light differs by {angle_deg:.1f} degrees"]

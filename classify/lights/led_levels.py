@@ -99,10 +99,10 @@ def fit_levels(terms: FloatMap, variances: FloatMap, level_spread: float) -> _Le
 
 @dataclass(frozen=True, eq=False)
 class LitSamples:
-    """Pixels of four images that all lights reach, evenly spread over the frame."""
+    """Pixels of N images that all lights reach, evenly spread over the frame."""
 
-    raw: FloatMap  # (4, n) pixel values
-    values: FloatMap  # (4, n) less the ambient image and times the gains
+    raw: FloatMap  # (N, n) pixel values
+    values: FloatMap  # (N, n) less the ambient image and times the gains
 
     @classmethod
     def of(cls, raw: FloatMap, values: FloatMap, saturation: float) -> Self:
