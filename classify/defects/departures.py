@@ -296,7 +296,7 @@ class DepartureModel:
     """Spectra, scales of responses, and statistics of the good parts of one texture."""
 
     gains: FloatMap  # (3, n // 2 + 1, n + 1), as of `Spectrum.gains`, in the frame of the texture
-    scales: FloatMap  # (sum(SIZES),), means of the highest responses of good parts
+    scales: FloatMap  # (sum(SIZES),), root mean squares of the tile maxima of good parts
     cells: tuple[GoodCells, ...]  # for each of STATISTICS
     missing_texture: EvidenceModel  # of the negated log deviations of slopes and albedo
 

@@ -197,12 +197,12 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Observation:
-    """Spectrum of a good part, its highest responses, and the statistics of its cells."""
+    """Spectrum of a good part, its squared tile maxima, and the statistics of its cells."""
 
-    # The responses and the statistics are whitened by the spectrum of the other half of the parts.
+    # The maxima and the statistics are whitened by the spectrum of the other half of the parts.
 
     spectrum: Spectrum
-    scales: npt.NDArray[np.float64]
+    mean_squares: Floats  # (sum(SIZES),)
     statistics: FloatMap
 
 
@@ -218,18 +218,23 @@ def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[
         for index in half:
             valid = parts[index].valid
             statistics, responses = statistics_and_responses(parts[index], gains, angles[index])
-            scales = np.array([
-                tile_maxima(response(weights), valid).max()
+            maxima = np.array([
+                tile_maxima(response(weights), valid)
                 for response, size in zip(responses, SIZES, strict=True)
                 for weights in np.eye(size, dtype=np.float32)
             ])  # fmt: skip
-            observations[index] = _Observation(spectra[index], scales, statistics()[valid])
+            squares = np.square(maxima[:, np.isfinite(maxima[0])])
+            observations[index] = _Observation(
+                spectra[index], squares.mean(axis=1), statistics()[valid]
+            )
     return [observations[index] for index in range(len(parts))]
 
 
 def _departure_model(observations: Sequence[_Observation]) -> DepartureModel:
     statistics = [part.statistics for part in observations]
-    scales = np.mean([part.scales for part in observations], axis=0)
+    # With mean maxima, filters of heavy tails hide the others of their kind; the highest maxima of
+    # few parts are chance.
+    scales = np.sqrt(np.mean([part.mean_squares for part in observations], axis=0))
     negated_deviations = np.concatenate([-part[:, DEVIATION_STATISTICS] for part in statistics])
     return DepartureModel(
         mean_spectrum([part.spectrum for part in observations]).gains(),
