@@ -48,8 +48,6 @@ _NewPlan = Annotated[
     bool,
     typer.Option("--new-plan", help="Take the plan as it was edited since, without a question."),
 ]
-# Bytes of a set other than pixels: metadata and TIFF page headers.
-_OVERHEAD_BYTES = 20_000
 # Margin on the disk space: a disk filled to the last byte is slow, and other programs write too.
 _DISK_MARGIN = 1.1
 
@@ -86,10 +84,10 @@ def run(
         if (path / JOURNAL).is_file():
             missing = len(read_session(path).missing(session_plan))
         _show_plan(plan, session_plan, missing, config, json=json)
-        _check_disk(path.parent, _needed_bytes(missing, config))
+        _check_disk(path.parent, missing * config.set_bytes)
         return
     if not (path / JOURNAL).is_file():
-        _check_disk(path.parent, _needed_bytes(len(session_plan), config))
+        _check_disk(path.parent, len(session_plan) * config.set_bytes)
     make_session(plan)
     with session_folder(path) as folder:
         if not _use_changed_plan(plan, folder, config, new_plan=new_plan, yes=yes):
@@ -176,7 +174,7 @@ def _capture_missing(
     if not yes and not sys.stdin.isatty():
         raise InputError("there is no terminal to ask on; give --yes to run without questions")
     missing = len(folder.missing(left_out=left_out))
-    _check_disk(folder.path, _needed_bytes(missing, config))
+    _check_disk(folder.path, missing * config.set_bytes)
     with ExitStack() as stack:
         view = None if yes else LiveView(folder)
         if view is not None and missing:
@@ -213,7 +211,7 @@ def _show_plan(
     path: Path, plan: SessionPlan, missing: int, config: RigConfig, *, json: bool
 ) -> None:
     """Show a plan, with the time and the disk space of the sets that are missing."""
-    needed, capture_s = _needed_bytes(missing, config), _capture_s(missing, plan.average, config)
+    needed, capture_s = missing * config.set_bytes, _capture_s(missing, plan.average, config)
     free = shutil.disk_usage(path.absolute().parent).free
     if json:
         counts = {"sets": len(plan), "missing": missing}
@@ -233,11 +231,6 @@ def _show_plan(
             f"{sets}, {capture_s:.0f} s of capture and the time to place the part, "
             f"{needed / 1e6:.0f} MB of {free / 1e6:.0f} MB free",
         )
-
-
-def _needed_bytes(sets: int, config: RigConfig) -> int:
-    camera, images = config.camera, len(config.lights.tilts_deg) + 1
-    return sets * (2 * images * camera.width_px * camera.height_px + _OVERHEAD_BYTES)
 
 
 def _capture_s(sets: int, average: int, config: RigConfig) -> float:

@@ -62,6 +62,12 @@ class RigConfig(Section):
             raise ValueError(conflict)
         return self
 
+    @property
+    def set_bytes(self) -> int:
+        """Size of a set's file: light images, ambient image and 20 kB of metadata."""
+        images = len(self.lights.tilts_deg) + 1
+        return 2 * images * self.camera.width_px * self.camera.height_px + 20_000
+
     def _conflicts(self) -> Iterator[str]:
         """Yield a message for each condition between the sections that does not hold."""
         lights, camera, simulation = self.lights, self.camera, self.simulation

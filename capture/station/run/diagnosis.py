@@ -23,7 +23,7 @@ from rig.doctor.check import Check, Status, run_checks
 from rig.doctor.diagnosis import diagnose
 
 from .recovery import require_own_sets
-from .self_test import check_calibration_age, check_disk, check_results, check_setting, set_bytes
+from .self_test import check_calibration_age, check_disk, check_results, check_setting
 
 _NEWEST_LINKS = 1000  # checked in 0.05 s
 
@@ -67,7 +67,7 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
 def _check_disk(station: StationFolder) -> Iterator[Check]:
     bytes_per_set = 0
     with suppress(InputError):  # the checks of the rig report an invalid rig.toml
-        bytes_per_set = set_bytes(station.rig_config())
+        bytes_per_set = station.rig_config().set_bytes
     yield from check_disk(station.path, station.config.disk_floor_mb, bytes_per_set)
 
 

@@ -16,7 +16,7 @@ from .live_station import LiveStation
 from .recovery import damaged_sets, finish_interrupted, require_own_sets, unknown_files
 from .retention import retention_in_background
 from .run_recipes import RunRecipes
-from .self_test import check_disk, check_results, set_bytes
+from .self_test import check_disk, check_results
 from .station_clock import StationClock
 from .station_rig import StationRig
 from .triggers import PartSensor, SensorTrigger, TriggerSource
@@ -90,7 +90,7 @@ def _checks(
     clock: StationClock,
 ) -> Iterator[Check]:
     """Check disk and database; then publish the results of parts that a killed run left behind."""
-    floor_mb, set_size = folder.config.disk_floor_mb, set_bytes(rig_config)
+    floor_mb, set_size = folder.config.disk_floor_mb, rig_config.set_bytes
     yield from run_checks("disk", lambda: check_disk(folder.path, floor_mb, set_size), "disk")
     yield from check_results(store)
     for result in finish_interrupted(folder.path, store, clock.now):

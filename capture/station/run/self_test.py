@@ -18,7 +18,7 @@ from capture.station.domain.recipe import CalibrationRule
 from capture.station.domain.verdict import Cause
 from capture.station.results.store import ResultStore
 from classify.base.durable_file import durable_file, make_folder
-from rig import HardwareError, Rig, RigConfig
+from rig import HardwareError, Rig
 from rig.doctor.check import Check, run_checks
 from rig.doctor.light_images import capture_light_images, check_leds
 
@@ -88,12 +88,6 @@ def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> Fault | None
     free_mb = free_bytes / 1e6
     text = f"{free_mb:.0f} MB free on the disk, the floor is {floor_mb} MB{needed}; make room"
     return Fault(Cause.STORAGE, text, "disk", free_mb, floor_mb)
-
-
-def set_bytes(config: RigConfig) -> int:
-    """Return the size of a set: 16 bits for each pixel of the light images and the ambient one."""
-    camera, images = config.camera, len(config.lights.tilts_deg) + 1
-    return 2 * images * camera.width_px * camera.height_px
 
 
 def check_disk(folder: Path, floor_mb: int, set_bytes: int) -> Iterator[Check]:

@@ -20,7 +20,7 @@ from rig import CameraError, HardwareError, Rig, RigConfig, open_rig
 from rig.doctor.check import Check
 from rig.lights.sequence import detected_part_count
 
-from .self_test import check_rig, check_setting, set_bytes
+from .self_test import check_rig, check_setting
 
 # Least time from the beginning of the wait to a simulated part: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
@@ -82,7 +82,7 @@ class StationRig:
     @property
     def set_bytes(self) -> int:
         """Size of a set's file."""
-        return set_bytes(self._rig_config)
+        return self._rig_config.set_bytes
 
     def use(self, inspector: Inspector | Collector) -> None:
         """Use the settings of another recipe; an open rig with other settings is opened again."""
