@@ -215,6 +215,11 @@ def orientation_near(orientation_deg: float, near_deg: float) -> float:
     return near_deg + (orientation_deg - near_deg + 90.0) % 180.0 - 90.0
 
 
+def orientation_text(orientation_deg: float, digits: int, period_deg: float = 180.0) -> str:
+    """Return an orientation with so many decimals: 179.98 rounds to 0.0, not to 180.0."""
+    return f"{round(orientation_deg, digits) % period_deg:.{digits}f}"
+
+
 def _numbers(values: npt.ArrayLike, name: str) -> Floats:
     try:
         return np.array(values, dtype=np.float64)

@@ -27,6 +27,7 @@ from classify import (
 )
 from classify.base.arrays import FloatMap
 from classify.base.durable_file import durable_file, make_folder
+from classify.lighting import orientation_text
 from classify.texture.orientation import MIN_SHARPNESS
 from rig import ControllerIdentity, Placement, Rig, RigConfig, open_rig, surface_names
 
@@ -68,6 +69,7 @@ def _write_report(
         columns=_COLUMNS,
         rows=[(entry.trial.is_correct, _cells_of(entry.trial)) for entry in entries],
         is_clear=_is_clear,
+        orientation_text=orientation_text,
         entries=[(entry, _tiles(entry), _polar_plots(entry)) for entry in entries],
     )
     with durable_file(path) as temporary:
@@ -81,7 +83,7 @@ def _cells_of(trial: Trial) -> tuple[str, ...]:
         trial.label,
         match.label or "unknown",
         f"{trial.orientation_deg or 0.0:.1f}",
-        f"{match.orientation_deg:.1f}{'' if _is_clear(match) else ' ?'}",
+        f"{orientation_text(match.orientation_deg or 0.0, 1)}{'' if _is_clear(match) else ' ?'}",
         f"{match.distance:.4f}",
         match.runner_up or "-",
         "-" if match.margin is None else f"{match.margin:.2f}",

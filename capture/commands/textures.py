@@ -112,6 +112,7 @@ def classify(
     """Find the texture of each set and its orientation."""
     from capture.batch.runner import Batch
     from capture.sets.archive import find_sets
+    from classify.lighting import orientation_text
 
     paths = find_sets(sets)
     if csv is not None:
@@ -129,7 +130,9 @@ def classify(
         match = answer.match
         name = f"{path}\n(simulated)" if answer.simulated else str(path)
         limit = "-" if match.limit is None else f"{match.limit:.4f}"
-        texture = (match.label or "unknown", _degrees(match.orientation_deg, 1))
+        angle_deg = match.orientation_deg
+        orientation = "-" if angle_deg is None else f"{orientation_text(angle_deg, 1)} deg"
+        texture = (match.label or "unknown", orientation)
         table.add_row(name, *texture, f"{match.distance:.4f}", limit, match.reason)
     print_table(table)
 

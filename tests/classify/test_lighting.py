@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting
-from classify.lighting import light_vectors, orientation_near
+from classify.lighting import light_vectors, orientation_near, orientation_text
 
 degrees = st.floats(0.0, 360.0, exclude_max=True)
 slants = st.floats(0.5, 89.0)
@@ -187,3 +187,13 @@ def test_an_orientation_is_folded_towards_another(
     orientation_deg: float, near_deg: float, folded_deg: float
 ) -> None:
     assert orientation_near(orientation_deg, near_deg) == pytest.approx(folded_deg)
+
+
+@pytest.mark.parametrize(
+    ("orientation_deg", "period_deg", "text"),
+    [(179.94, 180.0, "179.9"), (179.98, 180.0, "0.0"), (0.0, 180.0, "0.0"), (359.96, 360.0, "0.0")],
+)
+def test_the_text_of_an_orientation_is_below_its_period(
+    orientation_deg: float, period_deg: float, text: str
+) -> None:
+    assert orientation_text(orientation_deg, 1, period_deg) == text

@@ -31,6 +31,10 @@ class Orientation(Section):
         default=False, description="whether a part at reference_deg + 180 is wrong"
     )
 
+    @property
+    def period_deg(self) -> float:
+        return 360.0 if self.full_turn else 180.0
+
 
 class Region(Section):
     """Judged part of the image, in px: column and row of its top left corner, size."""

@@ -17,6 +17,7 @@ from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from classify import Match
 from classify.library.match import MIN_MARGIN
+from classify.lighting import orientation_text
 from classify.texture.orientation import MIN_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE
 
@@ -129,7 +130,6 @@ def _match_findings(match: Match, limits: Limits) -> Iterator[Finding]:
 def _orientation_findings(rule: Orientation, match: Match) -> Iterator[Finding]:
     if rule.tolerance_deg is None:
         return
-    period_deg = 360.0 if rule.full_turn else 180.0
     measured_deg = _measured_deg(rule, match)
     if measured_deg is None:
         yield Finding(Cause.UNDECIDED, f"the orientation of {match.label} is not clear")
@@ -138,8 +138,8 @@ def _orientation_findings(rule: Orientation, match: Match) -> Iterator[Finding]:
     yield from _bound_findings(
         name, match.sharpness, "at least", MIN_SHARPNESS, Cause.UNDECIDED, ".2f"
     )
-    half_deg = 0.5 * period_deg
-    deviation_deg = (measured_deg - rule.reference_deg + half_deg) % period_deg - half_deg
+    half_deg = 0.5 * rule.period_deg
+    deviation_deg = (measured_deg - rule.reference_deg + half_deg) % rule.period_deg - half_deg
     name = f"degrees off {rule.reference_deg:g}"
     yield from _bound_findings(
         name, abs(deviation_deg), "at most", rule.tolerance_deg, Cause.ORIENTATION, ".1f"
@@ -175,7 +175,9 @@ def _measures_text(recipe: Recipe, measures: Measures, match: Match) -> str:
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
     parts = [f"distance {match.distance:.2f} of {min(bounds):.2f}"]
     if recipe.orientation.tolerance_deg is not None:
-        parts.append(f"at {_measured_deg(recipe.orientation, match):.0f} degrees")
+        measured_deg = _measured_deg(recipe.orientation, match) or 0.0
+        text = orientation_text(measured_deg, 0, recipe.orientation.period_deg)
+        parts.append(f"at {text} degrees")
     parts += [
         row.text_within(getattr(measures, MEASURES_OF[key]), limit)
         for key, row in ROWS.items()

@@ -110,7 +110,7 @@ STATION = _page(
     ("result_number", "u32", "number of the part whose result is shown; 0 without ResultsValid"),
     ("verdict", "u16", "see below; 0 without ResultsValid"),
     ("cause", "u16", "gravest cause, see below; 0 for PASS"),
-    ("orientation", "u16", f"tenths of a degree, 0 to 3599; {_NO_ORIENTATION}: not measured"),
+    ("orientation", "u16", f"tenths of a degree, 0 to 1799; {_NO_ORIENTATION}: not measured"),
     ("result_hash", "u32", "as recipe_hash, of the recipe that judged the part; 0: none"),
     ("overruns", "u16", "results that were dropped because the PLC did not acknowledge"),
     ("result_part_id", "text", "id of the part"),
@@ -144,7 +144,7 @@ def registers_of(part: PartResult | None) -> _Values:
         "result_number": part.number,
         "verdict": VERDICTS[verdict.decision],
         "cause": verdict.causes[0].plc_code if verdict.causes else 0,
-        "orientation": _NO_ORIENTATION if angle_deg is None else round(10 * angle_deg) % 3600,
+        "orientation": _NO_ORIENTATION if angle_deg is None else round(10 * angle_deg) % 1800,
         "result_hash": first_digits(part.recipe_sha256),
         "result_part_id": part.part_id,
     }

@@ -17,6 +17,7 @@ from capture.station.results.part_result import PartResult
 from capture.station.results.statistics import choices
 from classify.base.errors import InputError
 from classify.library.match import MIN_MARGIN
+from classify.lighting import orientation_text
 
 from .answers import page, slow_page
 from .api import PARTS, Below, entry_of, newest_parts, override
@@ -198,7 +199,7 @@ def _number(
 
 def _orientation(result: PartResult, recipe: Recipe | None) -> _MeasuredNumber:
     degrees = result.orientation_deg
-    value = _NOT_MEASURED if degrees is None else f"{degrees:.1f}°"
+    value = _NOT_MEASURED if degrees is None else f"{orientation_text(degrees, 1)}°"
     limit = ""
     rule = None if recipe is None else recipe.orientation
     if rule is not None and (tolerance_deg := rule.tolerance_deg) is not None:
@@ -206,6 +207,7 @@ def _orientation(result: PartResult, recipe: Recipe | None) -> _MeasuredNumber:
         if degrees is not None:
             off_deg = (degrees - rule.reference_deg + 90.0) % 180.0 - 90.0
             ends = [degrees - off_deg + side * tolerance_deg for side in (-1.0, 1.0)]
-            value = max((distinct_texts(degrees, end, ".1f")[0] for end in ends), key=len) + "°"
+            text = max((distinct_texts(degrees, end, ".1f")[0] for end in ends), key=len)
+            value = f"{orientation_text(degrees, len(text.partition('.')[2]))}°"
     is_beyond = Cause.ORIENTATION in result.verdict.causes
     return _MeasuredNumber("orientation", value, limit, is_beyond)

@@ -79,6 +79,7 @@ def of_match(**changes: object) -> Measures:
         (GOOD, None, "steel, distance 1.00 of 1.50, at 2 degrees, Sdq 0.200"),
         (of_match(limit=None), None, "of 1.50"),
         (of_match(orientation_deg=176.0), None, "at 176 degrees"),
+        (of_match(orientation_deg=179.98), None, "at 0 degrees"),
         (replace(GOOD, match=None), Cause.UNFORESEEN, "match"),
         (replace(GOOD, unmeasured_fraction=0.2), Cause.CAPTURE, "20.0%, at most 5.0%"),
         (replace(GOOD, saturated_fraction=0.02), Cause.CAPTURE, "2.0%, at most 1.0%"),

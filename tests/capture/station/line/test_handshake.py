@@ -117,7 +117,7 @@ def test_a_part_goes_through_the_handshake_of_the_readme() -> None:
     tell(
         handshake,
         PartAnnounced(
-            result(3, FAILED, part_id="A-17", orientation_deg=-0.04, recipe_sha256="89abcdef" * 8),
+            result(3, FAILED, part_id="A-17", orientation_deg=179.96, recipe_sha256="89abcdef" * 8),
             12.0,
         ),
     )
