@@ -29,6 +29,9 @@ _Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]  # no text, 
 _Vector = tuple[_Number, _Number, _Number]
 PHOTOGRAPH_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".tga", ".dng")
 _QUOTES = "\"'"
+# Line of an RTI list whose name ends like that of a photograph: name and numbers.
+_SUFFIX = "|".join(map(re.escape, PHOTOGRAPH_SUFFIXES))
+_PHOTOGRAPH_LINE = re.compile(rf"(.*(?:{_SUFFIX})[{_QUOTES}]?)\s(.*)", re.I)
 # Words in the names that others give to the keys of this format.
 _SIMILAR_KEYS = {
     "intensity": {
@@ -215,17 +218,19 @@ def _parsed_lp(path: Path, text: str) -> LightList:
     names, vectors, intensities, places = [], [], [], []
     for number, line in numbered[1:]:
         # A name may contain blanks, and folders of another computer.
+        photograph = _PHOTOGRAPH_LINE.fullmatch(line)
         name, *fields = line.rsplit(maxsplit=3)
-        with_intensity = line.rsplit(maxsplit=4)
-        if with_intensity[0].lower().strip(_QUOTES).endswith(PHOTOGRAPH_SUFFIXES):
-            name, *fields = with_intensity
+        if photograph is not None:
+            name, fields = photograph[1], photograph[2].split()
         try:
-            if "_" in "".join(fields):  # between digits, which float accepts
+            # float accepts _ between digits.
+            if "_" in "".join(fields) or len(fields) > 4:
                 raise ValueError
             x, y, z, *intensity = map(float, fields)
         except ValueError:
             raise InputError(
-                f"{path}: line {number} is not 'name x y z' with decimal points: {line[:120]!r}"
+                f"{path}: line {number} is not 'name x y z' or 'name x y z intensity' with decimal "
+                f"points: {line[:120]!r}"
             ) from None
         names.append(name.strip(_QUOTES).replace("\\", "/"))
         places.append(f"line {number}")
