@@ -22,7 +22,13 @@ from classify.images import ImageStack
 from classify.lights.agreement import LightAgreement, light_agreement
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LEVEL_SAMPLES, LitSamples, levels_of_many
-from classify.lights.shading import ShadingOrder, explained_detail, shading_of, shading_order
+from classify.lights.shading import (
+    ShadingOrder,
+    explained_detail,
+    shading_of,
+    shading_order,
+    unlike_images_of_one_light,
+)
 from rig import acceptance
 
 from .metadata import ChecksRecord
@@ -134,6 +140,7 @@ def check_photographs(
         *_levels(images, mask),
         *_detail(images, explained_detail(shading)),
         *_order(images, order),
+        *_one_light(images, unlike_images_of_one_light(shading, images.lighting)),
         *_four_lights(images, agreement),
         *_many_lights(calibrated),
     ]
@@ -235,6 +242,15 @@ def _order(images: LightImages, order: ShadingOrder) -> Iterator[_Finding]:
         is_swap = len(misplaced) == 2
         text += " and the other way round" if is_swap else ", and others in this order too"
     yield _Finding(ImportCause.LIGHT_ORDER, text, refutes=True)
+
+
+def _one_light(images: LightImages, pairs: Sequence[tuple[int, int]]) -> Iterator[_Finding]:
+    for first, second in pairs:
+        text = (
+            f"{images.names[first]} and {images.names[second]} have one light direction, tilt "
+            f"{images.lighting.tilts_deg[first]:.3g} degrees, but another shading"
+        )
+        yield _Finding(ImportCause.LIGHT_ORDER, text, refutes=True)
 
 
 def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Iterator[_Finding]:

@@ -69,6 +69,10 @@ _SUSPECTS = 16
 # An image has detail if its rms contrast is at least `_MIN_DETAIL` (less is noise of the
 # compression), and its variance at least `_ABOVE_NOISE` times that of white noise.
 _MIN_DETAIL, _ABOVE_NOISE = 0.02, 4.0
+# Lights within 0.5 degrees have one direction. Their images are unlike if they differ by more than
+# this share of the median difference of two images. Lights that are 2 to 5 degrees apart reach 0.09
+# on the cat and 0.6 on the gilded icon; 40 to 70 degrees apart the median is 0.5 to 2.5.
+_SAME_LIGHT, _UNLIKE = math.cos(math.radians(0.5)), 0.5
 # From the second difference along rows and columns (Immerkaer, 1996) to the noise of a pixel.
 _NOISE_KERNEL = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0)) / 6.0
 
@@ -126,6 +130,20 @@ def explained_detail(shading: _Shading) -> Floats:
     if not explained:
         return np.ones(0)
     return np.asarray(np.nan_to_num(np.fmax.reduce(explained), nan=1.0))
+
+
+def unlike_images_of_one_light(shading: _Shading, lighting: Lighting) -> list[tuple[int, int]]:
+    """Pairs of images that have one light direction, and differ in their shading."""
+    pairs = list(itertools.combinations(range(len(lighting)), 2))
+    cosines = lighting.directions @ lighting.directions.T
+    is_unlike = np.array([cosines[pair] > _SAME_LIGHT for pair in pairs])
+    for moments, variance in zip(shading.contrasts, shading.noise_variances, strict=True):
+        own = np.diag(moments)
+        differences = np.array([own[i] + own[j] - 2.0 * moments[i, j] for i, j in pairs])
+        noise = np.array([variance[i] + variance[j] for i, j in pairs])
+        limit = max(_MIN_DETAIL**2, _UNLIKE * float(np.median(differences)))
+        is_unlike &= differences - noise > limit
+    return [pair for pair, unlike in zip(pairs, is_unlike, strict=True) if unlike]
 
 
 def shading_order(shading: _Shading, lighting: Lighting) -> ShadingOrder:

@@ -80,6 +80,15 @@ def test_exchanged_photographs_of_eight_are_named() -> None:
     assert "with y pointing down" in rejected(LIGHTS.image_paths(), downwards)
 
 
+def test_photographs_under_two_lights_that_are_given_one_direction_are_refused() -> None:
+    paths = [DATA / f"image{number}.png" for number in (6, 0, 1, 3, 4)]
+    message = rejected(paths, Lighting.from_angles([0.0, 90.0, 180.0, 270.0, 360.0], 12.0))
+    assert "image6.png and image4.png have one light direction, tilt 0 degrees" in message
+    repeated = [*PICKED, PICKED[0]]
+    lighting = Lighting(LIGHTS.lighting_for(PICKED).directions[[0, 1, 2, 3, 0]])
+    assert "one light direction" not in rejected(repeated, lighting)  # they are equal
+
+
 def test_one_photograph_twice_is_refused() -> None:
     twice = [*PICKED[:3], PICKED[0]]
     assert "in 128 of 128 rows" in rejected(twice)
