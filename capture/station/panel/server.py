@@ -1,6 +1,7 @@
 """The panel's port, with its address and certificate, and `serving_panel`: its web server."""
 
 import asyncio
+import logging
 import socket
 import ssl
 import threading
@@ -176,6 +177,11 @@ class _Protocol(H11Protocol):
         self._request_timer = self.loop.call_later(HEAD_S, close_if_late)
 
 
+def _is_no_cancellation(record: logging.LogRecord) -> bool:
+    """Whether a message is not the traceback of a request that the end of the panel cut off."""
+    return not (record.exc_info and isinstance(record.exc_info[1], asyncio.CancelledError))
+
+
 @contextmanager
 def serving_panel(
     panel: Panel,
@@ -204,6 +210,7 @@ def serving_panel(
         timeout_keep_alive=_KEEP_ALIVE_S,
         timeout_graceful_shutdown=_STOP_S,
     )
+    logging.getLogger("uvicorn.error").addFilter(_is_no_cancellation)
     config.load()
     config.ssl = tls
     server = uvicorn.Server(config)

@@ -7,6 +7,7 @@ import ssl
 import time
 from contextlib import ExitStack, closing, suppress
 from functools import partial
+from itertools import repeat
 from pathlib import Path
 from typing import BinaryIO
 from urllib.parse import urlsplit
@@ -17,7 +18,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.folder import make_station
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.users import Role, Users
-from capture.station.panel import event_stream, security, server
+from capture.station.panel import api, event_stream, security, server
 from capture.station.panel.security import MAX_BODY_BYTES, HostRule, Slots
 from capture.station.panel.server import MAX_CONNECTIONS, MAX_CONNECTIONS_OF_AN_ADDRESS, REFUSED_S
 from capture.station.panel.sessions import (
@@ -304,6 +305,22 @@ def test_a_slow_body_is_refused(hurried: RunningPanel, monkeypatch: pytest.Monke
     monkeypatch.setattr(server, "HEAD_S", LONG_S)
     head = b"POST /login HTTP/1.1\r\nHost: HOST\r\nContent-Length: 5000\r\n\r\n"
     assert drip(hurried, head).split()[1] == b"408"
+
+
+def test_a_panel_that_ends_cuts_off_an_export_without_a_traceback(
+    tmp_path: Path,
+    captured: CapturedSet,
+    monkeypatch: pytest.MonkeyPatch,
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    monkeypatch.setattr(server, "_STOP_S", SHORT_S)
+    monkeypatch.setattr(api, "csv_pieces", lambda _: repeat("x" * 1000))
+    with ExitStack() as stack, running_panel(tmp_path / "line-1", captured) as running:
+        raw = stack.enter_context(connected(running))  # is closed after the panel
+        host = urlsplit(running.url).netloc.encode()
+        raw.sendall(b"GET /api/v1/parts.csv HTTP/1.1\r\nHost: " + host + b"\r\n\r\n")
+        assert raw.recv(100).startswith(b"HTTP/1.1 200")
+    assert not [each for each in caplog.records if each.exc_info]
 
 
 @pytest.mark.slow
