@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple, Self, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import Field, FiniteFloat, JsonValue, TypeAdapter
+from pydantic import Field, JsonValue, TypeAdapter
 
 from capture.base.errors import CalibrationError
 from classify import Calibration, Lighting
@@ -55,7 +55,7 @@ class PartRecord(Record):
     )
     setting: Setting = Field(description="rig, camera, frame, exposure, gain and lights of it")
     quality: str = Field(description="in words")
-    figures: dict[str, FiniteFloat] = Field(
+    figures: dict[str, float] = Field(
         default_factory=dict, description="by name; a name without a unit is a share or a count"
     )
     source: tuple[str, ...] = Field(description="captured, or the names of sets or images")

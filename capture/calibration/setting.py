@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Final, Literal, Self, get_args
 
 import numpy as np
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
 from classify.base.models import Record
 from classify.calibration.dark import SAME_EXPOSURE
@@ -28,7 +28,7 @@ _DEPENDS_ON_LIGHTS: tuple[PartName, ...] = ("flat_field", "lights")
 # Directions of lights are measured and typed into rig.toml with about this accuracy.
 _MAX_LIGHT_CHANGE_DEG = 0.5
 
-_Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Vector = tuple[float, float, float]
 _Side = Annotated[int, Field(ge=1, le=32768)]
 
 
@@ -42,10 +42,10 @@ class Setting(Record):
     height_px: _Side
     crop: tuple[int, int, int, int] | None = None
     bit_depth: int = Field(ge=1, le=16)
-    exposure_ms: FiniteFloat | None
-    gain: FiniteFloat | None = None
-    gamma: FiniteFloat | None = None
-    pixel_value_controls: dict[str, FiniteFloat] = Field(default_factory=dict)
+    exposure_ms: float | None
+    gain: float | None = None
+    gamma: float | None = None
+    pixel_value_controls: dict[str, float] = Field(default_factory=dict)
     photograph_gamma: str = "linear"
     light_directions: tuple[_Vector, ...] = Field(max_length=255)
     led_levels_percent: tuple[int | None, ...] = Field(default=(), max_length=255)

@@ -6,7 +6,7 @@ from functools import cached_property
 from pathlib import Path, PureWindowsPath
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, Field, FiniteFloat
+from pydantic import AfterValidator, Field
 
 from capture.sets.description import FIELDS
 from capture.sets.metadata import Property, SetMetadata
@@ -21,13 +21,13 @@ FinishReason = Literal["complete", "incomplete", "stopped", "interrupted", "fail
 class SetMeasures(Record):
     """Measures of a set right after its capture."""
 
-    led_levels: tuple[FiniteFloat, ...]  # mean signal of each light, as a share of full scale
-    saturated: FiniteFloat  # share of the pixels at full scale
-    shadowed: FiniteFloat  # share of the pixels in shadow of a light
+    led_levels: tuple[float, ...]  # mean signal of each light, as a share of full scale
+    saturated: float  # share of the pixels at full scale
+    shadowed: float  # share of the pixels in shadow of a light
     # Modulo 180, by comparison with the first set of the specimen; None for that set.
-    estimated_deg: FiniteFloat | None = None
+    estimated_deg: float | None = None
     # Against the first set of the specimen; negative where sharper.
-    blur_px: FiniteFloat | None = None
+    blur_px: float | None = None
     warnings: tuple[str, ...] = ()
 
 
@@ -42,8 +42,8 @@ class Description(Record):
     specimen: str | None
     operator: str | None
     note: str | None
-    orientation_deg: FiniteFloat | None
-    exposure_ms: FiniteFloat | None = None
+    orientation_deg: float | None
+    exposure_ms: float | None = None
     calibration_ids: tuple[str, ...] = ()
     properties: dict[str, Property] = Field(default_factory=dict)
     corrected: tuple[str, ...] = ()  # fields that ``ps4rig info --set`` changed
@@ -65,7 +65,7 @@ class SetEntry(Record):
     """A planned set that has its file, or was left out."""
 
     specimen: str
-    orientation_deg: FiniteFloat
+    orientation_deg: float
     repeat: int = Field(ge=1)
     file: Annotated[str, AfterValidator(_with_slashes)] | None = None
     pixels_sha256: str | None = None

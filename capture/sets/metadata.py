@@ -5,14 +5,14 @@ from collections.abc import Iterator
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import AfterValidator, Field, FiniteFloat, StrictBool, StrictInt
+from pydantic import AfterValidator, Field, StrictBool, StrictInt
 
 from classify import Lighting, SensorNoise
 from classify.base.models import Record
 from classify.images import ROUNDING_VARIANCE
 from rig import ControllerIdentity, Placement
 
-_Vector = tuple[FiniteFloat, FiniteFloat, FiniteFloat]
+_Vector = tuple[float, float, float]
 # Wider than the range of any camera; squares and quotients stay finite in float32.
 _Gain = Annotated[float, Field(ge=1e-6, le=1e6)]
 _PixelValue = Annotated[float, Field(ge=0.0, le=65535.0)]
@@ -26,7 +26,7 @@ def _printable(text: str | None) -> str | None:
 
 _Text = Annotated[str, AfterValidator(_printable)]
 # Value of a property of a specimen; dates are ISO 8601.
-Property = StrictBool | Annotated[StrictInt, Field(ge=-(2**63), lt=2**63)] | FiniteFloat | _Text
+Property = StrictBool | Annotated[StrictInt, Field(ge=-(2**63), lt=2**63)] | float | _Text
 PROPERTY_PREFIX = "properties."
 
 
@@ -34,7 +34,7 @@ class LightingRecord(Record):
     """Unit vectors, intensities and, for near lights, positions, as in `Lighting`."""
 
     directions: tuple[_Vector, ...] = Field(min_length=1)
-    intensities: tuple[FiniteFloat, ...]
+    intensities: tuple[float, ...]
     intensities_given: bool
     positions_px: tuple[_Vector, ...] | None = None
 
@@ -63,8 +63,8 @@ class FrameRecord(Record):
     """One frame that went into an image; times on the rig's monotonic clock."""
 
     sequence: int
-    exposure_start_s: FiniteFloat
-    exposure_end_s: FiniteFloat
+    exposure_start_s: float
+    exposure_end_s: float
 
 
 class ImageRecord(Record):
@@ -72,7 +72,7 @@ class ImageRecord(Record):
 
     light: int | None
     frames: tuple[FrameRecord, ...] = ()
-    led_acknowledged_s: FiniteFloat | None = None
+    led_acknowledged_s: float | None = None
     led_level_percent: int | None = None
     controller_time_us: int | None = None
     stale_frames: int = 0
@@ -89,14 +89,14 @@ class CameraRecord(Record):
 
     kind: str
     name: str
-    exposure_ms: FiniteFloat
-    frame_rate_hz: FiniteFloat
+    exposure_ms: float
+    frame_rate_hz: float
     gain_e_per_dn: _Gain | None
     read_noise_dn: _PixelValue | None
     black_level_dn: _PixelValue | None
-    gain: FiniteFloat | None
-    gamma: FiniteFloat | None
-    pixel_value_controls: dict[str, FiniteFloat]
+    gain: float | None
+    gamma: float | None
+    pixel_value_controls: dict[str, float]
     controls: dict[str, Any] = Field(default_factory=dict)
 
     @property
@@ -110,10 +110,10 @@ class CameraRecord(Record):
 class ChecksRecord(Record):
     """Results of the checks of the lights from the images of a set."""
 
-    ambient_change: FiniteFloat | None
-    redundancy_residual: FiniteFloat | None
-    light_levels: tuple[FiniteFloat, ...] | None
-    light_levels_error: FiniteFloat | None
+    ambient_change: float | None
+    redundancy_residual: float | None
+    light_levels: tuple[float, ...] | None
+    light_levels_error: float | None
     retaken: bool
     light_order: Literal["confirmed", "undecided"]
     undecided: tuple[str, ...] = ()
@@ -153,12 +153,10 @@ class SetMetadata(Record):
     images: tuple[ImageRecord, ...] = Field(
         description="light, switch times, frames that count and that do not; or the source file"
     )
-    orientation_deg: FiniteFloat | None = Field(
-        default=None, description="of the part, anticlockwise"
-    )
+    orientation_deg: float | None = Field(default=None, description="of the part, anticlockwise")
     placement: Placement | None = Field(default=None, description="of a simulated part")
     rig_name: str | None = Field(default=None, description="name in rig.toml")
-    settle_ms: FiniteFloat | None = Field(default=None, description="of the rig's lights")
+    settle_ms: float | None = Field(default=None, description="of the rig's lights")
     synchronisation: Literal["software", "strobe", "trigger"] | None = Field(
         default=None, description="what switched the lights"
     )

@@ -6,7 +6,7 @@ import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, ValidationError, field_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticCustomError
 
@@ -14,13 +14,13 @@ from classify.base.durable_file import durable_file
 from classify.base.errors import ConfigError, InputError
 from classify.base.regular_file import read_regular_file
 
-Degrees = Annotated[FiniteFloat, Field(ge=-3600.0, le=3600.0)]
+Degrees = Annotated[float, Field(ge=-3600.0, le=3600.0)]
 
 
 class Record(BaseModel):
     """A frozen object of a file that the program writes itself; it refuses unknown keys."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     @classmethod
     def read(cls, path: Path, max_bytes: int, remedy: str) -> Self:

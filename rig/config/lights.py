@@ -7,7 +7,7 @@ from functools import lru_cache
 from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field, FiniteFloat, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from classify import Lighting
 from classify.base.models import Degrees, Section
@@ -24,7 +24,7 @@ SIMULATED = "simulated"
 """Value of `port` for the simulated controller: the firmware on a pty of this machine."""
 AUTO = "auto"
 """Value of `port` for a controller that is searched for."""
-_Intensity = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
+_Intensity = Annotated[float, Field(ge=0.01, le=100.0)]
 
 
 def led_names(tilts_deg: Iterable[float]) -> list[str]:

@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterator
 from typing import Annotated, Literal, Self
 
-from pydantic import Field, FiniteFloat, model_validator
+from pydantic import Field, model_validator
 
 from classify.base.models import Degrees, Section
 from firmware_sim.faults import LedFault, LineFault, When
@@ -35,9 +35,7 @@ class FrameFault(Section):
     delay_ms: float = Field(
         default=10.0, ge=0.0, le=60_000.0, description="of late and stamped_late"
     )
-    rate_per_s: FiniteFloat = Field(
-        default=0.5, description="of drift: share of the exposure per second"
-    )
+    rate_per_s: float = Field(default=0.5, description="of drift: share of the exposure per second")
     when: When = Field(default=When(), description="as of a line")
 
 
@@ -66,7 +64,7 @@ DefectKind = Literal["scratch", "dent", "bump", "stain", "missing", "foreign"]
 RELIEF_KINDS: tuple[DefectKind, ...] = ("scratch", "dent", "bump")
 """Kinds of defects that change only the relief, by `Defect.depth_px`."""
 
-_Place = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
+_Place = Annotated[float, Field(ge=-1e6, le=1e6)]
 
 
 class Defect(Section):
@@ -112,9 +110,9 @@ class Defect(Section):
         return self
 
 
-_PassTimeUs = Annotated[FiniteFloat, Field(ge=1.0, le=1e6)]
-_Shift = Annotated[FiniteFloat, Field(ge=-1e6, le=1e6)]
-_LedLevel = Annotated[FiniteFloat, Field(ge=0.01, le=100.0)]
+_PassTimeUs = Annotated[float, Field(ge=1.0, le=1e6)]
+_Shift = Annotated[float, Field(ge=-1e6, le=1e6)]
+_LedLevel = Annotated[float, Field(ge=0.01, le=100.0)]
 
 
 class Placement(Section):

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import AfterValidator, BaseModel, Field, FiniteFloat, model_validator
+from pydantic import AfterValidator, BaseModel, Field, model_validator
 
 from capture.base.names import Name, Text
 from classify.base.models import Degrees, Section, read_toml_as
@@ -16,7 +16,7 @@ from .interface_config import ModbusConfig, MqttConfig, PanelConfig
 
 CONFIG = "station.toml"
 SIM = "sim"
-_Share = Annotated[FiniteFloat, Field(ge=0.0, le=1.0)]
+_Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Surface = Annotated[str, Field(min_length=1, max_length=4096)]
 
 _URL = re.compile(r"postgresql(\+psycopg)?://.*", re.DOTALL)

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Annotated, Self
 
-from pydantic import ConfigDict, Field, FiniteFloat, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from capture.base.names import Label, Name, Text
 from capture.station.domain.errors import NotApproved
@@ -24,7 +24,7 @@ class Orientation(Section):
     tolerance_deg: Annotated[float, Field(gt=0.0, le=180.0)] | None = Field(
         default=None, description="largest departure from reference_deg"
     )
-    reference_deg: Annotated[FiniteFloat, Field(ge=-360.0, le=360.0)] = Field(
+    reference_deg: Annotated[float, Field(ge=-360.0, le=360.0)] = Field(
         default=0.0, description="anticlockwise, with the zero of the taught parts"
     )
     full_turn: bool = Field(

@@ -7,7 +7,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, FiniteFloat, NonNegativeFloat, PositiveFloat
+from pydantic import Field, NonNegativeFloat, PositiveFloat
 
 from capture.base.names import Label, Name
 from capture.calibration.setting import Setting
@@ -32,7 +32,7 @@ class LeastFound(Record):
     size_px: PositiveFloat  # width of a scratch, diameter of the others
     # Depth in px, or contrast as a share of the albedo; None if the strongest is not found.
     strength: NonNegativeFloat | None
-    strongest: FiniteFloat  # depth or contrast that was tried
+    strongest: float  # depth or contrast that was tried
     mm_per_px: PositiveFloat | None = None
 
     @property
@@ -73,7 +73,7 @@ class TaughtSet(Record):
     # Match with a library of all other sets; None for an unknown texture.
     found: Label | None = None
     nearest: Label | None = None
-    distance: FiniteFloat | None = None
+    distance: float | None = None
 
 
 class TaughtTexture(Record):

@@ -8,7 +8,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal, Self
 
-from pydantic import Field, FiniteFloat
+from pydantic import Field
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.recipe import Sha256
@@ -58,8 +58,8 @@ class Share(Record):
 
     events: int
     trials: int
-    share: FiniteFloat | None  # None without trials
-    bound: FiniteFloat
+    share: float | None  # None without trials
+    bound: float
     bound_is_upper: bool = Field(default=True, exclude=True)
 
     @classmethod

@@ -92,7 +92,10 @@ def test_the_limits_of_a_texture_replace_those_of_all() -> None:
         ('pass = ["unknown"]', "'unknown' stands for a surface that matches no class"),
         ('name = "other"', "must be the name of the file"),
         ("limits.sdq = [2, 1]", "give the least and the largest value"),
-        ("limits.distance = inf", "limits.distance"),
+        ("limits.distance = inf", "limits.distance = Infinity: must be a finite number"),
+        ("limits.sdq = [0.1, nan]", "limits.sdq.1 = NaN: must be a finite number"),
+        ("orientation.tolerance_deg = nan", "tolerance_deg = NaN: must be a finite number"),
+        ("light.exposure_ms = nan", "light.exposure_ms = NaN: must be a finite number"),
         ("limits_of.tin.defect = 1", "limits_of.tin: is not in pass"),
     ],
 )
