@@ -7,7 +7,6 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -184,11 +183,13 @@ def _attempt(
         checks = check_target(images)
     else:
         checks = check_set(images, at_exposure, retake, least_level)
-    checked: dict[str, Any] = {"checks": checks, "pixels_sha256": pixel_hash.sha256()}
+    lighting = metadata.lighting
     levels = None if least_level is None else measured_levels(checks)
     if levels is not None:
         corrected = replace(rig.lighting, intensities=rig.lighting.intensities * levels)
-        checked["lighting"] = LightingRecord.of(corrected)
+        lighting = LightingRecord.of(corrected)
+        checks = checks.model_copy(update={"levels_corrected": True})
+    checked = {"checks": checks, "lighting": lighting, "pixels_sha256": pixel_hash.sha256()}
     return replace(
         unchecked,
         metadata=metadata.model_copy(update=checked),

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Final, Literal, Self, get_args
+from collections.abc import Iterable, Iterator
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, Self, get_args
 
 import numpy as np
 from pydantic import Field
@@ -48,6 +48,8 @@ class Setting(Record):
     pixel_value_controls: dict[str, float] = Field(default_factory=dict)
     photograph_gamma: str = "linear"
     light_directions: tuple[_Vector, ...] = Field(max_length=255)
+    # Those of ``rig.toml`` or of an import; empty if unknown.
+    light_intensities: tuple[float, ...] = Field(default=(), max_length=255)
     led_levels_percent: tuple[int | None, ...] = Field(default=(), max_length=255)
 
     @classmethod
@@ -75,6 +77,7 @@ class Setting(Record):
             gamma=info.gamma,
             pixel_value_controls=dict(info.pixel_value_controls),
             light_directions=tuple((x, y, z) for x, y, z in rig.lighting.directions.tolist()),
+            light_intensities=tuple(rig.lighting.intensities.tolist()),
             led_levels_percent=tuple(levels),
         )
 
@@ -87,7 +90,10 @@ class Setting(Record):
         # Dark depends on pixel values and exposure, flat_field on the lights.
         parts: tuple[PartName, ...] = ("dark", "flat_field")
         found = [text for part in parts for text in self._differences(other, part)]
-        return list(dict.fromkeys(found)) or self._moved_lights(other)
+        return list(dict.fromkeys(found)) or [
+            *self._moved_lights(other),
+            *self._other_intensities(other),
+        ]
 
     def _differences(self, other: Setting, part: PartName) -> Iterator[str]:
         if self.simulated != other.simulated:
@@ -135,13 +141,19 @@ class Setting(Record):
                 f"{_listed(self.led_levels_percent)} %"
             )
 
-    def _moved_lights(self, other: Setting) -> list[str]:
+    def _other_intensities(self, other: Setting) -> Iterator[str]:
+        # Images are divided by them: at half the intensities a part half as bright has the same
+        # albedo.
+        ours, theirs = self.light_intensities, other.light_intensities
+        if ours and theirs and not np.allclose(ours, theirs):
+            yield f"intensities of the lights {_listed(theirs)} instead of {_listed(ours)}"
+
+    def _moved_lights(self, other: Setting) -> Iterator[str]:
         # At a slant of 45 degrees in place of 40 slopes are 16 % smaller: a deeper relief passes.
         ours, theirs = (np.reshape(setting.light_directions, (-1, 3)) for setting in (self, other))
         angle_deg = float(angles_between_deg(ours, theirs).max(initial=0.0))
-        if angle_deg <= _MAX_LIGHT_CHANGE_DEG:
-            return []
-        return [f"the direction of a light differs by {angle_deg:.1f} degrees"]
+        if angle_deg > _MAX_LIGHT_CHANGE_DEG:
+            yield f"the direction of a light differs by {angle_deg:.1f} degrees"
 
     @property
     def _controls(self) -> dict[str, float]:
@@ -154,5 +166,5 @@ class Setting(Record):
         return f"{self.width_px} x {self.height_px} px"
 
 
-def _listed(levels: tuple[int | None, ...]) -> str:
-    return ", ".join(map(str, levels))
+def _listed(levels: Iterable[Any]) -> str:
+    return ", ".join(f"{level:.4g}" for level in levels)

@@ -244,9 +244,13 @@ def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
     stated = {} if camera is None else camera.model_dump(include=_CAMERA_FIELDS)
     name = None if camera is None or camera.kind == "replay" else f"{camera.kind} {camera.name}"
     lit = [record for record in metadata.images if record.light is not None]
+    intensities, checks = np.array(metadata.lighting.intensities), metadata.checks
+    if checks is not None and checks.levels_corrected:
+        intensities /= checks.light_levels
     return Setting(
         camera=name, width_px=shape[1], height_px=shape[0], photograph_gamma=metadata.gamma,
         light_directions=metadata.lighting.directions,
+        light_intensities=tuple(intensities.tolist()),
         led_levels_percent=tuple(record.led_level_percent for record in lit),
         **metadata.model_dump(include={"simulated", "rig_name", "crop", "bit_depth"}),
         **({"exposure_ms": None} | stated),

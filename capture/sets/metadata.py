@@ -114,6 +114,7 @@ class ChecksRecord(Record):
     redundancy_residual: float | None
     light_levels: tuple[float, ...] | None
     light_levels_error: float | None
+    levels_corrected: bool = False  # whether the intensities of the lights contain the levels
     retaken: bool
     light_order: Literal["confirmed", "undecided"]
     undecided: tuple[str, ...] = ()

@@ -71,6 +71,7 @@ def test_each_fault_is_one_line_and_the_checks_go_on(
         ("[lights]", 'name = "line-4"\n[lights]', "rig 'line-4' instead of 'rig'"),
         ("[camera]", "tilts_deg = [90, 0, 180, 270]\n[camera]", "lights in another order"),
         ("[camera]", "slant_deg = 50.0\n[camera]", "differs by 5.0 degrees"),
+        ("[camera]", "intensities = [0.5, 0.5, 0.5, 0.5]\n[camera]", "0.5 instead of 1, 1, 1, 1"),
         ("height_px = 256", "height_px = 128", "256 x 128 px instead of 256 x 256 px"),
     ],
 )
