@@ -110,7 +110,7 @@ class _Leds:
         return self._board.max_on_ms(led) * (100 - self._board.max_duty_percent(led))
 
 
-class Step:
+class _Step:
     """One step of a sequence: its light, and the times of its events, -1 if missing."""
 
     def __init__(self, led: int, changed_us: int) -> None:
@@ -120,7 +120,7 @@ class Step:
         self.exposures = 0  # number of exposures that began under this light
 
 
-class Sequence:
+class _Sequence:
     """Lights in a given order, one exposure under each; construction starts the sequence.
 
     An exposure counts if it began after its light had settled. With a delay, the first step starts
@@ -143,7 +143,7 @@ class Sequence:
         self._settle_us = settle_us
         self._wait_us = wait_us  # time-out of SEQ:ARM, or interval of SEQ:TRIG
         self.order = order
-        self.steps: list[Step] = []
+        self.steps: list[_Step] = []
         self.code = _NO_ERROR  # the error that ended it early
         self.running = True
         self._delay_us = delay_us
@@ -204,7 +204,7 @@ class Sequence:
         if len(self.steps) == len(self.order):
             return self.end(_NO_ERROR)
         led = self.order[len(self.steps)]
-        self.steps.append(Step(led, self._leds.light(led)))
+        self.steps.append(_Step(led, self._leds.light(led)))
         if len(self.steps) == 1:
             self._edge_us = self.steps[0].changed_us
         return self.steps[-1].changed_us
@@ -361,7 +361,7 @@ class Firmware:
         self._leds.levels_percent = [100] * self._board.led_count
         self._errors = []
         # A sequence without steps turns the LEDs off.
-        self.sequence = Sequence(self._board, self._leds, False, _AT_ONCE, 0, 0)
+        self.sequence = _Sequence(self._board, self._leds, False, _AT_ONCE, 0, 0)
         self._delay_us = _AT_ONCE  # of the next sequence
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         return ""
@@ -420,7 +420,7 @@ class Firmware:
                 self._require_led(led)
             self._require_switchable(led)
         delay_us, self._delay_us = self._delay_us, _AT_ONCE
-        self.sequence = Sequence(
+        self.sequence = _Sequence(
             self._board, self._leds, triggers, delay_us, settle_us, wait_us, *order
         )
         return str(self.sequence.started_us)

@@ -51,7 +51,7 @@ _Section = Literal["Surface", "Slopes and height", "Curvature", "Quality"]
 
 
 @dataclass(frozen=True)
-class Labels:
+class _Labels:
     """The values of a mask: their names, and their colours on pictures."""
 
     names: Callable[[list[float]], dict[int, str]]  # from the tilts of the lights in degrees
@@ -71,7 +71,7 @@ class MapKind:
     compute: Callable[[SurfaceMaps], Array]
     show: Callable[[MapKind, SurfaceMaps], MapView]
     unit: str = "1"
-    labels: Labels | None = None  # of a mask
+    labels: _Labels | None = None  # of a mask
     details: Callable[[SurfaceMaps], dict[str, Any]] | None = None  # further text of the file
     is_compared: bool = False  # whether `ps4rig compare` compares it
     is_written: bool = True  # to a file; else there is only a picture
@@ -163,7 +163,7 @@ def _view(
 
 
 def _legend(
-    values: npt.NDArray[np.uint8], labels: Labels, tilts_deg: list[float]
+    values: npt.NDArray[np.uint8], labels: _Labels, tilts_deg: list[float]
 ) -> tuple[tuple[Sequence[int], str], ...]:
     """Return the most frequent values in ascending order, with their shares of the pixels."""
     names = labels.names(tilts_deg)
@@ -177,8 +177,8 @@ def _legend(
     )
 
 
-YES_NO = Labels(lambda _: {0: "no", 255: "yes"})
-SHADOWED_LIGHTS = Labels(
+YES_NO = _Labels(lambda _: {0: "no", 255: "yes"})
+SHADOWED_LIGHTS = _Labels(
     lambda tilts_deg: (
         {0: "0 lights", 1: "1 light"}
         | {count: f"{count} lights" for count in range(2, len(tilts_deg) + 1)}
@@ -186,7 +186,7 @@ SHADOWED_LIGHTS = Labels(
     pictures.shadow_colours,
     cv2.INTER_NEAREST,
 )
-DROPPED_LIGHT = Labels(
+DROPPED_LIGHT = _Labels(
     lambda tilts_deg: dict(enumerate(led_names(tilts_deg))) | {NO_DROPPED_LIGHT: "none"},
     pictures.dropped_colours,
     cv2.INTER_NEAREST,

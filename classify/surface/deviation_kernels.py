@@ -5,14 +5,14 @@ import numpy as np
 from classify.base.compiling import Array, kernel, kernel_part
 from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT
 
-Numbers = tuple[np.float32, ...]
+_Numbers = tuple[np.float32, ...]
 # Constants of all lights, for each those that `_add_light` unpacks. Up to eight are a tuple, whose
 # loops the compiler unrolls and vectorises; more are an array.
-Lights = tuple[Numbers, ...] | Array
+Lights = tuple[_Numbers, ...] | Array
 # Ambient value, saturation, noise a, b, black, and `_pixel`.
-Scene = tuple[np.float32, np.float32, Numbers, Numbers]
+_Scene = tuple[np.float32, np.float32, _Numbers, _Numbers]
 # Of all lights: M V M^T and M V nul; residuals; the darkest light. See `_add_light`.
-Sums = tuple[Numbers, Numbers, Numbers, Numbers]
+_Sums = tuple[_Numbers, _Numbers, _Numbers, _Numbers]
 
 # A residual is an error of one pixel if its square exceeds this multiple of the mean square around
 # it: three standard deviations.
@@ -27,7 +27,7 @@ _STEPS_PX, _FARTHEST_PX = 2, 16
 # cases. That is exact for t = 0, and for t = s, where 2.448 is the quantile of the Rayleigh
 # distribution; in between it is wrong by up to 0.6 %.
 _SECOND_AXIS = np.float32(0.56)
-DEGREES = np.float32(180.0 / np.pi)
+_DEGREES = np.float32(180.0 / np.pi)
 
 
 @kernel
@@ -78,22 +78,22 @@ def propagate_errors(
 
 
 @kernel_part
-def _four(columns: Array) -> tuple[Numbers, ...]:
+def _four(columns: Array) -> tuple[_Numbers, ...]:
     return _three(columns[0]), _three(columns[1]), _three(columns[2]), _three(columns[3])
 
 
 @kernel_part
-def _three(values: Array) -> Numbers:
+def _three(values: Array) -> _Numbers:
     return values[0], values[1], values[2]
 
 
 @kernel_part
-def _six(values: Array) -> Numbers:
+def _six(values: Array) -> _Numbers:
     return values[0], values[1], values[2], values[3], values[4], values[5]
 
 
 @kernel_part
-def _light(values: Array) -> Numbers:
+def _light(values: Array) -> _Numbers:
     return (
         values[0], values[1], values[2], values[3], values[4], values[5], values[6], values[7],
         values[8], values[9],
@@ -102,8 +102,8 @@ def _light(values: Array) -> Numbers:
 
 @kernel_part
 def _pixel(
-    p: np.float32, q: np.float32, albedo: np.float32, x: np.float32, y: np.float32, shear: Numbers
-) -> Numbers:
+    p: np.float32, q: np.float32, albedo: np.float32, x: np.float32, y: np.float32, shear: _Numbers
+) -> _Numbers:
     """Slopes, n_z, b_z, position and b' of `near_light`, and c / (1 - c . X), of a pixel."""
     cx, cy, cz = shear
     one = np.float32(1.0)
@@ -119,9 +119,9 @@ def _pixel(
 
 @kernel_part
 def _add_light(
-    index: np.float32, image: np.float32, raw: np.float32 | None, scene: Scene, light: Numbers,
-    sums: Sums,
-) -> Sums:  # fmt: skip
+    index: np.float32, image: np.float32, raw: np.float32 | None, scene: _Scene, light: _Numbers,
+    sums: _Sums,
+) -> _Sums:  # fmt: skip
     """Add a light with the column M of the pseudo-inverse; a saturated light is the darkest."""
     dark, saturation, (a, b, black), pixel = scene
     gain, lx, ly, lz, mx, my, mz, nul, redundancy, _ = light
@@ -152,8 +152,8 @@ def _add_light(
 
 @kernel_part
 def _add_gloss(
-    pixel: Numbers, factor: np.float32, light: Numbers, strengths: Array, gloss: Numbers
-) -> Numbers:
+    pixel: _Numbers, factor: np.float32, light: _Numbers, strengths: Array, gloss: _Numbers
+) -> _Numbers:
     """Add M and nul of a light times its lobes of gloss: see `uncertainty._lobes`."""
     p, q, _, _, x, y, _, _, _, _, _, _ = pixel
     _, lx, ly, lz, mx, my, mz, nul, _, inverse_distance = light
@@ -180,10 +180,10 @@ def _add_gloss(
 
 @kernel_part
 def _deviations(
-    scene: Scene, sums: Sums, gloss: Numbers | None, constants: Numbers, shares: Numbers,
-    leaves_out: bool, covariances: tuple[Numbers, ...], correction_columns: tuple[Numbers, ...],
+    scene: _Scene, sums: _Sums, gloss: _Numbers | None, constants: _Numbers, shares: _Numbers,
+    leaves_out: bool, covariances: tuple[_Numbers, ...], correction_columns: tuple[_Numbers, ...],
     dropped: np.float32, model_error: np.float32,
-) -> Numbers:  # fmt: skip
+) -> _Numbers:  # fmt: skip
     """Deviations of p, q, albedo and the normal."""
     dark, _, (a, b, black), pixel = scene
     p, q, nz, scale, x, y, _, _, _, cx, cy, cz = pixel
@@ -246,11 +246,11 @@ def _deviations(
         sp, sq = _with_bias(gp, sp), _with_bias(gq, sq)
         sr = _with_bias(nx * gx + ny * gy + gz, sr)
     inverse = one / scale
-    return sp * inverse, sq * inverse, sr * nz, DEGREES * angle * inverse * nz * nz
+    return sp * inverse, sq * inverse, sr * nz, _DEGREES * angle * inverse * nz * nz
 
 
 @kernel_part
-def _column(index: np.float32, columns: tuple[Numbers, ...]) -> Numbers:
+def _column(index: np.float32, columns: tuple[_Numbers, ...]) -> _Numbers:
     """One of four columns, or 0."""
     zero, one, two, three = np.float32(0.0), np.float32(1.0), np.float32(2.0), np.float32(3.0)
     (x0, y0, z0), (x1, y1, z1), (x2, y2, z2), (x3, y3, z3) = columns
@@ -308,4 +308,4 @@ def write_repaired(
         p_sd[y, x] = q_sd[y, x] = deviation
         albedo_sd[y, x] = albedo[y, x] * deviation / np.sqrt(square)
         # The eigenvalues of the variance of the normal are those along and across the slope.
-        angle_sd[y, x] = DEGREES * deviation / square * np.sqrt(square + _SECOND_AXIS)
+        angle_sd[y, x] = _DEGREES * deviation / square * np.sqrt(square + _SECOND_AXIS)

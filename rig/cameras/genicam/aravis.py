@@ -35,7 +35,7 @@ def aravis() -> Any:
     return Aravis
 
 
-def call(function: Callable[..., Any], *arguments: Any) -> Any:
+def _call(function: Callable[..., Any], *arguments: Any) -> Any:
     """Call a function of Aravis; raise `CameraError` with its error message."""
     from gi.repository import GLib
 
@@ -95,12 +95,12 @@ class AravisCamera:
     def __init__(self, device: str) -> None:
         self._stream: Any = None
         try:
-            self._camera: Any = call(aravis().Camera.new, device)
+            self._camera: Any = _call(aravis().Camera.new, device)
         except CameraError:  # Aravis takes ids and addresses
             ids = [camera.device_id for camera in find_devices() if device in camera.names]
             if not ids:
                 raise
-            self._camera = call(aravis().Camera.new, ids[0])
+            self._camera = _call(aravis().Camera.new, ids[0])
 
     def take_control(self) -> None:
         """Let no other program change the camera; wait briefly while one lists it."""
@@ -109,7 +109,7 @@ class AravisCamera:
         device, deadline_s = self._camera.get_device(), time.monotonic() + _CONTROL_TIMEOUT_S
         while not device.is_controller():
             try:
-                call(device.take_control)
+                _call(device.take_control)
             except CameraError as error:
                 if time.monotonic() > deadline_s:
                     raise CameraError("another program has the camera open; close it") from error
@@ -119,15 +119,15 @@ class AravisCamera:
     def name(self) -> str:
         """Maker and model."""
         camera = self._camera
-        return _joined(call(camera.get_vendor_name), call(camera.get_model_name))
+        return _joined(_call(camera.get_vendor_name), _call(camera.get_model_name))
 
     def has(self, feature: str) -> bool:
         """Whether the camera has a feature at present."""
-        return bool(call(self._camera.is_feature_available, feature))
+        return bool(_call(self._camera.is_feature_available, feature))
 
     def value(self, feature: str, kind: type[_Value]) -> _Value:
         """Value of a feature: a string or an enumeration, a boolean, an integer or a float."""
-        value: _Value = call(getattr(self._camera, f"get_{_TYPE_NAMES[kind]}"), feature)
+        value: _Value = _call(getattr(self._camera, f"get_{_TYPE_NAMES[kind]}"), feature)
         return value
 
     def number(self, feature: str) -> float:
@@ -139,61 +139,61 @@ class AravisCamera:
 
     def set_value(self, feature: str, value: bool | int | float | str) -> None:
         """Set a feature of the kind of `value`."""
-        call(getattr(self._camera, f"set_{_TYPE_NAMES[type(value)]}"), feature, value)
+        _call(getattr(self._camera, f"set_{_TYPE_NAMES[type(value)]}"), feature, value)
 
     def entries(self, feature: str) -> list[str]:
         """Values that an enumeration takes at present."""
-        return list(call(self._camera.dup_available_enumerations_as_strings, feature))
+        return list(_call(self._camera.dup_available_enumerations_as_strings, feature))
 
     @property
     def frame_rate_hz(self) -> float:
-        return float(call(self._camera.get_frame_rate))
+        return float(_call(self._camera.get_frame_rate))
 
     def set_frame_rate(self, rate_hz: float) -> None:
         """Set the frame rate by the feature of this camera model."""
-        call(self._camera.set_frame_rate, rate_hz)
+        _call(self._camera.set_frame_rate, rate_hz)
 
     @property
     def exposure_ms(self) -> float:
         """Exposure time in use."""
-        return float(call(self._camera.get_exposure_time)) / 1e3
+        return float(_call(self._camera.get_exposure_time)) / 1e3
 
     def set_exposure(self, exposure_ms: float) -> None:
         """Set the exposure time by the feature of this camera model."""
-        call(self._camera.set_exposure_time, 1e3 * exposure_ms)
+        _call(self._camera.set_exposure_time, 1e3 * exposure_ms)
 
     @property
     def exposure_range_ms(self) -> tuple[float, float]:
         """Shortest and longest exposure."""
         names = [name for name in ("ExposureTime", "ExposureTimeAbs") if self.has(name)]
         try:
-            shortest_us, longest_us = call(self._camera.get_float_bounds, *names[:1])
+            shortest_us, longest_us = _call(self._camera.get_float_bounds, *names[:1])
         except (CameraError, TypeError):  # TypeError: there is no name
             # Not the first choice, because a Basler ace returns the bounds of ExposureTimeRaw here,
             # which are not in us.
-            shortest_us, longest_us = call(self._camera.get_exposure_time_bounds)
+            shortest_us, longest_us = _call(self._camera.get_exposure_time_bounds)
         return shortest_us / 1e3, longest_us / 1e3
 
     @property
     def gain(self) -> float | None:
         """Gain in the camera's units, mostly dB; None without one."""
-        if not call(self._camera.is_gain_available):
+        if not _call(self._camera.is_gain_available):
             return None
-        return float(call(self._camera.get_gain))
+        return float(_call(self._camera.get_gain))
 
     def set_gain(self, gain: float) -> None:
         """Set the gain by the feature of this camera model."""
-        call(self._camera.set_gain, gain)
+        _call(self._camera.set_gain, gain)
 
     def start(self, buffers: int) -> None:
         """Start to stream into `buffers` buffers; frames are lost while all of them are full."""
         library, camera = aravis(), self._camera
         if camera.is_gv_device():
-            call(camera.gv_auto_packet_size)
+            _call(camera.gv_auto_packet_size)
             # A packet socket needs root, and receives nothing from a camera on this host.
             camera.gv_set_stream_options(library.GvStreamOption.PACKET_SOCKET_DISABLED)
-        self._stream = call(camera.create_stream)
-        payload = call(camera.get_payload)
+        self._stream = _call(camera.create_stream)
+        payload = _call(camera.get_payload)
         if camera.is_gv_device():
             # The default holds less than a frame, and loses packets while another program has the
             # processor.
@@ -201,7 +201,7 @@ class AravisCamera:
             self._stream.props.socket_buffer_size = FRAMES_IN_SOCKET * payload
         for _ in range(buffers):
             self._stream.push_buffer(library.Buffer.new_allocate(payload))
-        call(camera.start_acquisition)
+        _call(camera.start_acquisition)
 
     def next_buffer(self, timeout_s: float) -> Buffer | None:
         """Return the oldest filled buffer, or wait for one; None after the time-out."""
@@ -226,7 +226,7 @@ class AravisCamera:
         """Stop streaming and release the camera; a second call does nothing."""
         if self._stream is not None:
             with suppress(CameraError):  # it was unplugged
-                call(self._camera.stop_acquisition)
+                _call(self._camera.stop_acquisition)
         # Aravis ends each with its last reference; the stream must end before the camera.
         self._stream = None
         self._camera = None

@@ -17,7 +17,7 @@ _Bytes = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
-class PixelFormat:
+class _PixelFormat:
     """Depth and packing of one format."""
 
     bit_depth: int
@@ -59,14 +59,14 @@ def _gige_unpacked(low_bits: int) -> Callable[[_Bytes], Pixels]:
 
 
 _PACKINGS = {
-    "8": PixelFormat(8, 8, lambda data: data),
-    "10": PixelFormat(10, 16, _words),
-    "12": PixelFormat(12, 16, _words),
-    "16": PixelFormat(16, 16, _words),
-    "10p": PixelFormat(10, 10, _unpacked_10p),
-    "12p": PixelFormat(12, 12, _unpacked_12p),
-    "10Packed": PixelFormat(10, 12, _gige_unpacked(2)),
-    "12Packed": PixelFormat(12, 12, _gige_unpacked(4)),
+    "8": _PixelFormat(8, 8, lambda data: data),
+    "10": _PixelFormat(10, 16, _words),
+    "12": _PixelFormat(12, 16, _words),
+    "16": _PixelFormat(16, 16, _words),
+    "10p": _PixelFormat(10, 10, _unpacked_10p),
+    "12p": _PixelFormat(12, 12, _unpacked_12p),
+    "10Packed": _PixelFormat(10, 12, _gige_unpacked(2)),
+    "12Packed": _PixelFormat(12, 12, _gige_unpacked(4)),
 }
 FAMILIES = ("Mono", "BayerRG", "BayerGR", "BayerGB", "BayerBG")
 PIXEL_FORMATS = {
