@@ -12,7 +12,7 @@ import typer
 
 from classify.base.errors import InputError, Ps4rigError
 
-from .base.console import command_group, complain
+from .base.console import add_commands, command_group, complain
 from .base.interrupts import INTERRUPTED_STATUS
 from .base.process_settings import configure_process
 from .commands import (
@@ -45,71 +45,100 @@ app = typer.Typer(
     rich_markup_mode="rich" if shutil.get_terminal_size().columns >= 60 else None,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command()(studies.demo)
-app.command()(sets.capture)
-app.command("import")(sets.import_)
-app.command()(solve.solve)
-app.command()(textures.train)
-app.command()(textures.classify)
-app.command("evaluate")(textures.evaluate_)
-app.command()(info.info)
-app.command()(solve.export)
-app.command()(info.compare)
-app.command()(info.verify)
-app.command()(studies.reproduce)
-
+add_commands(
+    app,
+    {
+        "demo": studies.demo,
+        "capture": sets.capture,
+        "import": sets.import_,
+        "solve": solve.solve,
+        "train": textures.train,
+        "classify": textures.classify,
+        "evaluate": textures.evaluate_,
+        "info": info.info,
+        "export": solve.export,
+        "compare": info.compare,
+        "verify": info.verify,
+        "reproduce": studies.reproduce,
+    },
+)
 _calibrate_app = command_group(
-    "Measure a rig with a white sheet, a sphere or a checkerboard, and keep it in one file."
+    "Measure a rig with a white sheet, a sphere or a checkerboard, and keep it in one file.",
+    {
+        "dark": calibrate_camera.dark,
+        "lights": calibrate_lights.lights,
+        "plate": calibrate_lights.plate,
+        "response": calibrate_camera.response,
+        "scale": calibrate_scale.scale,
+        "show": calibrate_show.show,
+    },
 )
-_calibrate_app.command()(calibrate_camera.dark)
-_calibrate_app.command()(calibrate_lights.lights)
-_calibrate_app.command()(calibrate_lights.plate)
-_calibrate_app.command()(calibrate_camera.response)
-_calibrate_app.command()(calibrate_scale.scale)
-_calibrate_app.command()(calibrate_show.show)
 app.add_typer(_calibrate_app, name="calibrate")
-
-_rig_app = command_group("Set up and check the rig itself, and switch its lights by hand.")
-_rig_app.command()(rig_setup.init)
-_rig_app.command()(rig_setup.flash)
-_rig_app.command()(rig_show.doctor)
-_rig_app.command()(rig_show.lights)
-_rig_app.command()(rig_timing.latency)
-_rig_app.command()(rig_timing.timing)
-_rig_app.command()(rig_show.preview)
-_rig_app.command()(rig_setup.simulate)
+_rig_app = command_group(
+    "Set up and check the rig itself, and switch its lights by hand.",
+    {
+        "init": rig_setup.init,
+        "flash": rig_setup.flash,
+        "doctor": rig_show.doctor,
+        "lights": rig_show.lights,
+        "latency": rig_timing.latency,
+        "timing": rig_timing.timing,
+        "preview": rig_show.preview,
+        "simulate": rig_setup.simulate,
+    },
+)
 app.add_typer(_rig_app, name="rig")
-
 _session_app = command_group(
-    "Capture many sets by a plan, and go on where a session was interrupted."
+    "Capture many sets by a plan, and go on where a session was interrupted.",
+    {
+        "new": session_run.new,
+        "run": session_run.run,
+        "status": session_report.status,
+        "resume": session_run.resume,
+        "report": session_report.report,
+    },
 )
-_session_app.command()(session_run.new)
-_session_app.command()(session_run.run)
-_session_app.command()(session_report.status)
-_session_app.command()(session_run.resume)
-_session_app.command()(session_report.report)
 app.add_typer(_session_app, name="session")
-
 _station_app = command_group(
-    "Inspect parts with a rig, one after the other, and keep every result.", make_files_private
+    "Inspect parts with a rig, one after the other, and keep every result.",
+    {
+        "init": station_upkeep.init,
+        "teach": station_recipe.teach,
+        "approve": station_recipe.approve,
+        "roll-back": station_recipe.roll_back,
+        "challenge": station_recipe.challenge,
+        "run": station_run.run,
+        "panel": station_run.panel,
+        "history": station_history.history,
+        "override": station_history.override,
+        "gauge": station_gauge.gauge,
+        "bench": station_gauge.bench,
+        "doctor": station_upkeep.doctor,
+        "unit": station_upkeep.unit,
+        "backup": station_upkeep.backup,
+        "restore": station_upkeep.restore,
+    },
+    make_files_private,
 )
-_station_app.command()(station_upkeep.init)
-_station_app.command()(station_recipe.teach)
-_station_app.command()(station_recipe.approve)
-_station_app.command()(station_recipe.roll_back)
-_station_app.command()(station_recipe.challenge)
-_station_app.command()(station_run.run)
-_station_app.command()(station_run.panel)
-_station_app.command()(station_history.history)
-_station_app.command()(station_history.override)
-_station_app.command()(station_gauge.gauge)
-_station_app.command()(station_gauge.bench)
-_station_app.command()(station_upkeep.doctor)
-_station_app.command()(station_upkeep.unit)
-_station_app.command()(station_upkeep.backup)
-_station_app.command()(station_upkeep.restore)
-_station_app.add_typer(station_users.user_app, name="user")
-_station_app.add_typer(station_users.token_app, name="token")
+_user_app = command_group(
+    "The people who may use a station's panel.",
+    {
+        "add": station_users.add_user,
+        "kiosk": station_users.set_kiosk,
+        "remove": station_users.remove_user,
+        "list": station_users.list_users,
+    },
+)
+_station_app.add_typer(_user_app, name="user")
+_token_app = command_group(
+    "The API clients: programs that may use a station's HTTP API.",
+    {
+        "add": station_users.add_token,
+        "remove": station_users.remove_token,
+        "list": station_users.list_tokens,
+    },
+)
+_station_app.add_typer(_token_app, name="token")
 app.add_typer(_station_app, name="station")
 
 

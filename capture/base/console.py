@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
 
 import typer
@@ -79,9 +79,13 @@ def complain(message: str) -> None:
     print(f"ps4rig: {' '.join(message.split())}", file=sys.stderr)
 
 
-def reports_errors(command: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorate a command: report expected exceptions as one line on stderr and an exit status."""
+def add_commands(group: typer.Typer, commands: Mapping[str, Callable[..., None]]) -> None:
+    """Add commands, which report expected errors as one line on stderr and an exit status."""
+    for name, command in commands.items():
+        group.command(name)(_reporting_errors(command))
 
+
+def _reporting_errors(command: Callable[_P, _R]) -> Callable[_P, _R]:
     @functools.wraps(command)
     def run(*arguments: _P.args, **options: _P.kwargs) -> _R:
         try:
@@ -142,8 +146,12 @@ def print_table(table: Table) -> None:
     console.print(table, crop=False)
 
 
-def command_group(help_text: str, begin: Callable[[], None] = lambda: None) -> typer.Typer:
-    """Make an empty group of commands, which prints its help when called without one.
+def command_group(
+    help_text: str,
+    commands: Mapping[str, Callable[..., None]],
+    begin: Callable[[], None] = lambda: None,
+) -> typer.Typer:
+    """Make a group of `commands` by name, which prints its help when called without one.
 
     `begin` is called before every command.
     """
@@ -155,4 +163,5 @@ def command_group(help_text: str, begin: Callable[[], None] = lambda: None) -> t
         if context.invoked_subcommand is None:
             print(context.get_help())
 
+    add_commands(group, commands)
     return group

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import reports_errors
 from capture.commands import calibrate_flow as flow
 from capture.commands import options
 from classify.base.errors import CalibrationRejected, InputError
@@ -20,7 +19,6 @@ if TYPE_CHECKING:
     from rig import Rig
 
 
-@reports_errors
 def dark(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,
@@ -128,7 +126,6 @@ def _dark_part_from_photographs(
 _SHEET = flow.Target("a white matt sheet", surface="plate")
 
 
-@reports_errors
 def response(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,

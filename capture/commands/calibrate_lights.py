@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from capture.base.console import complain, out, reports_errors
+from capture.base.console import complain, out
 from capture.commands import calibrate_flow as flow
 from capture.commands import options
 from classify.base.errors import InputError
@@ -31,7 +31,6 @@ _ROTATIONS_DEG = (0.0, 180.0)
 _FRAMES = 16
 
 
-@reports_errors
 def plate(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,
@@ -79,7 +78,6 @@ def plate(
 _SPHERE_PLACES = ((0.0, 0.0), (0.18, 0.0), (-0.18, 0.0), (0.0, 0.18), (0.0, -0.18))
 
 
-@reports_errors
 def lights(
     paths: Annotated[
         list[Path],

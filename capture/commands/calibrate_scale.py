@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import reports_errors
 from capture.commands import calibrate_flow as flow
 from capture.commands import options
 from classify.base.errors import InputError
@@ -22,7 +21,6 @@ if TYPE_CHECKING:
 _ROTATION_STEP_DEG = 30.0
 
 
-@reports_errors
 def scale(
     calibration: flow.CalibrationPath,
     checkerboard: Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import new_table, out, print_json, print_table, reports_errors
+from capture.base.console import new_table, out, print_json, print_table
 from capture.base.outputs import check_output
 from capture.commands import options
 
@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 _PAGE_SUFFIX = ".html"
 
 
-@reports_errors
 def show(
     path: Annotated[Path, typer.Argument(metavar="CAL", help="Calibration file, NAME.ps4cal.")],
     output: Annotated[

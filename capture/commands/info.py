@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import out, print_json, progress, reports_errors
+from capture.base.console import out, print_json, progress
 from capture.base.outputs import check_output
 from capture.commands import options
 from classify.base.errors import InputError
@@ -26,7 +26,6 @@ _NOT_KNOWN = "-"
 _NAME_WIDTH = 14  # of the column of names, in characters
 
 
-@reports_errors
 def info(
     sets: options.Sets,
     corrections: Annotated[
@@ -171,7 +170,6 @@ def _number(value: float | None, unit: str) -> str:
     return _NOT_KNOWN if value is None else f"{value:g} {unit}"
 
 
-@reports_errors
 def verify(
     folders: Annotated[
         list[Path], typer.Argument(metavar="DIR...", help="Folders, with all folders below.")
@@ -230,7 +228,6 @@ def verify(
 _PAGE_SUFFIX = ".html"
 
 
-@reports_errors
 def compare(
     first: Annotated[
         Path, typer.Argument(metavar="A", help="A captured set, or a folder of maps from solve.")

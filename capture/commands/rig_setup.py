@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import complain, out, print_json, reports_errors
+from capture.base.console import complain, out, print_json
 from capture.base.outputs import check_output
 from capture.commands import options
 from classify.base.errors import InputError
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from rig.simulation.devices import DeviceSimulation
 
 
-@reports_errors
 def init(
     file: Annotated[Path, typer.Argument(help="The file to write.")] = Path("rig.toml"),
     port: Annotated[
@@ -59,7 +58,6 @@ def init(
     )
 
 
-@reports_errors
 def flash(
     port: Annotated[
         str | None,
@@ -99,7 +97,6 @@ def flash(
 _REPORT_EVERY_S = 5.0
 
 
-@reports_errors
 def simulate(
     rig: options.Rig = "sim",
     serial: Annotated[

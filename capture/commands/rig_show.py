@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, NoReturn
 
 import typer
 
-from capture.base.console import new_table, out, print_json, print_table, reports_errors
+from capture.base.console import new_table, out, print_json, print_table
 from capture.commands import options
 from classify.base.errors import InputError
 from rig.doctor.check import Check
@@ -46,7 +46,6 @@ def print_checks(checks: Sequence[Check], *, as_json: bool) -> None:
         raise typer.Exit(_FAULT_STATUS)
 
 
-@reports_errors
 def doctor(
     rig: options.Rig = "rig.toml",
     has_sheet: Annotated[
@@ -76,7 +75,6 @@ def doctor(
 _CHECK_S = 1.0
 
 
-@reports_errors
 def lights(
     led: Annotated[
         str, typer.Argument(metavar="LED", help="Its number, counted from 0, or cycle, or off.")
@@ -139,7 +137,6 @@ def _light_in_turn(opened: LightController, leds: Sequence[int], level: int) -> 
             opened.confirm(led)
 
 
-@reports_errors
 def preview(
     rig: options.Rig = "rig.toml",
     port: Annotated[

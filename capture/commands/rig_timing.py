@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import new_table, out, print_json, print_table, progress, reports_errors
+from capture.base.console import new_table, out, print_json, print_table, progress
 from capture.commands import options
 
 if TYPE_CHECKING:
@@ -19,7 +19,6 @@ if TYPE_CHECKING:
 _MAX_STEPS = 1000
 
 
-@reports_errors
 def latency(
     rig: options.Rig = "rig.toml",
     led: Annotated[int, typer.Option(min=0, help="The LED that is switched.")] = 0,
@@ -86,7 +85,6 @@ def _print_latency(
             out.print(f"{section}.{key} = {value}")
 
 
-@reports_errors
 def timing(
     rig: options.Rig = "rig.toml",
     sets: Annotated[int, typer.Option(min=1, max=1000, help="Sets in each mode.")] = 5,

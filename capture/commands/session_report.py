@@ -14,7 +14,6 @@ from capture.base.console import (
     print_json,
     print_table,
     progress,
-    reports_errors,
 )
 from capture.base.utc_time import readable_utc
 from capture.commands import options
@@ -27,7 +26,6 @@ if TYPE_CHECKING:
     from capture.session.plan import PlannedSet
 
 
-@reports_errors
 def status(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     json: options.Json = False,
@@ -125,7 +123,6 @@ def _as_json(planned: PlannedSet) -> dict[str, Any]:
     }
 
 
-@reports_errors
 def report(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     json: options.Json = False,

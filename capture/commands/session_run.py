@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import complain, out, print_json, reports_errors
+from capture.base.console import complain, out, print_json
 from capture.base.outputs import check_output
 from capture.commands import options
 from classify.base.errors import InputError
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
     from rig import RigConfig
 
 
-@reports_errors
 def new(
     plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The file to write.")],
     force: options.Force = False,
@@ -52,7 +51,6 @@ _NewPlan = Annotated[
 _DISK_MARGIN = 1.1
 
 
-@reports_errors
 def run(
     plan: Annotated[Path, typer.Argument(metavar="PLAN.toml", help="The plan.")],
     rig: options.Rig = "rig.toml",
@@ -98,7 +96,6 @@ def run(
         _capture_missing(folder, config, yes=yes, json=json)
 
 
-@reports_errors
 def resume(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="Folder of the session.")],
     rig: options.Rig = "rig.toml",

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from capture.base.console import complain, out, print_json, progress, reports_errors
+from capture.base.console import complain, out, print_json, progress
 from capture.base.errors import ImportCause
 from capture.base.outputs import check_output
 from classify.base.errors import InputError
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 _DEFAULT_TILTS = "0,90,180,270"
 
 
-@reports_errors
 def capture(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Output file, NAME.ome.tif.")],
     rig: options.Rig = "rig.toml",
@@ -192,7 +191,6 @@ def _output_paths(output: Path, count: int, replace: bool) -> list[Path]:
     return [output.with_name(f"{stem}-{number:0{digits}d}{SET_SUFFIX}") for number in numbers]
 
 
-@reports_errors
 def import_(
     paths: Annotated[
         list[Path],

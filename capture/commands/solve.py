@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import ItemProgress, out, print_json, progress, reports_errors
+from capture.base.console import ItemProgress, out, print_json, progress
 from capture.commands import options
 from classify.base.errors import InputError
 from classify.methods import METHODS, Method
@@ -26,7 +26,6 @@ _RELIT = "135,45"
 _LARGE_FALL_OFF = 0.25
 
 
-@reports_errors
 def solve(
     sets: options.Sets,
     output: Annotated[
@@ -219,7 +218,6 @@ FORMATS = {
 FOLDER = "16-bit TIFF files and lights.lp, or the maps"
 
 
-@reports_errors
 def export(
     captured_set: Annotated[Path, typer.Argument(metavar="SET", help="A captured set.")],
     output: Annotated[

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from capture.base.console import out, print_json, progress, reports_errors
+from capture.base.console import out, print_json, progress
 from capture.commands import options
 
 if TYPE_CHECKING:
@@ -42,7 +42,6 @@ _Times = Annotated[
 _Seed = Annotated[int, typer.Option(min=0, help="Seed of the simulated placements.")]
 
 
-@reports_errors
 def gauge(
     folder: options.Station,
     known: _KnownPartsFile = None,
@@ -147,7 +146,6 @@ def _recorded_presentations(
     )
 
 
-@reports_errors
 def bench(
     parts: Annotated[int, typer.Option(min=10, max=1_000_000, help="Parts to judge.")] = 300,
     size: Annotated[int, typer.Option(min=256, max=8192, help="Side of the frames in px.")] = 1024,

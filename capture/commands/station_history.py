@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.console import new_table, out, print_table, reports_errors
+from capture.base.console import new_table, out, print_table
 from capture.commands import options
 from capture.station.domain.verdict import Decision
 from classify.base.errors import InputError
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 _SHOWN_PARTS = 50  # parts in the table of a terminal
 
 
-@reports_errors
 def history(
     folder: options.Station,
     json: options.Json = False,
@@ -85,7 +84,6 @@ def history(
             _show_parts(store.parts(chosen_parts, newest=_SHOWN_PARTS))
 
 
-@reports_errors
 def override(
     folder: options.Station,
     part: Annotated[str, typer.Argument(metavar="PART", help="Id of the part.")],

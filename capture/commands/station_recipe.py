@@ -14,7 +14,6 @@ from capture.base.console import (
     print_json,
     print_table,
     progress,
-    reports_errors,
 )
 from capture.base.utc_time import readable_utc
 from capture.commands import options
@@ -59,7 +58,6 @@ _NextRecipe = Annotated[
 ]
 
 
-@reports_errors
 def teach(
     folder: options.Station,
     sets: Annotated[
@@ -129,7 +127,6 @@ def teach(
     )
 
 
-@reports_errors
 def approve(
     folder: options.Station,
     by: Annotated[str, typer.Option(help="Who approves it.", metavar="NAME")],
@@ -143,7 +140,6 @@ def approve(
     out.print(f"recipe {approved.name}, version {approved.version}: approved by {by}")
 
 
-@reports_errors
 def roll_back(
     folder: options.Station,
     sha256: Annotated[
@@ -188,7 +184,6 @@ def _begins(sha256: str, prefix: str) -> bool:
     return len(prefix) >= _DIGITS and sha256.startswith(prefix)
 
 
-@reports_errors
 def challenge(
     folder: options.Station,
     add: _Added = None,

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from capture.base.console import complain, reports_errors
+from capture.base.console import complain
 from capture.commands import options
 
 if TYPE_CHECKING:
@@ -53,7 +53,6 @@ _Collect = Annotated[
 _Events = Annotated[bool, typer.Option("--json", help="Print each event as one line of JSON.")]
 
 
-@reports_errors
 def run(
     folder: options.Station,
     rig: _Rig = None,
@@ -114,7 +113,6 @@ def run(
         raise typer.Exit(1)
 
 
-@reports_errors
 def panel(folder: options.Station, host: _Host = None, port: _Port = None) -> None:
     """Serve the panel of a station until Ctrl-C, beside a run with --no-panel.
 

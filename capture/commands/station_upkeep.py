@@ -5,14 +5,13 @@ from typing import Annotated
 
 import typer
 
-from capture.base.console import complain, out, progress, reports_errors
+from capture.base.console import complain, out, progress
 from capture.base.utc_time import readable_utc
 from capture.commands import options
 
 from .rig_show import print_checks
 
 
-@reports_errors
 def init(
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to make.")],
 ) -> None:
@@ -26,7 +25,6 @@ def init(
     )
 
 
-@reports_errors
 def doctor(folder: options.Station, as_json: options.Json = False) -> None:
     """Check everything that a station needs.
 
@@ -39,7 +37,6 @@ def doctor(folder: options.Station, as_json: options.Json = False) -> None:
     print_checks([*diagnose_station(folder), *diagnose_unit(folder)], as_json=as_json)
 
 
-@reports_errors
 def unit(
     folder: options.Station,
     user: Annotated[
@@ -66,7 +63,6 @@ _BackupFile = Annotated[
 ]
 
 
-@reports_errors
 def backup(folder: options.Station, path: _BackupFile) -> None:
     """Back up a station, also while it runs: results, sets, recipes, settings and users.
 
@@ -84,7 +80,6 @@ def backup(folder: options.Station, path: _BackupFile) -> None:
     out.print(f"{path}: {files} files, {path.stat().st_size / 1e6:.1f} MB")
 
 
-@reports_errors
 def restore(
     path: _BackupFile,
     folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder to make.")],

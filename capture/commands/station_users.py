@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from capture.base.console import command_group, new_table, out, print_table, reports_errors
+from capture.base.console import new_table, out, print_table
 from capture.base.utc_time import readable_utc
 from capture.commands import options
 
@@ -21,12 +21,7 @@ _RoleName = Annotated[
     ),
 ]
 
-user_app = command_group("The people who may use a station's panel.")
-token_app = command_group("The API clients: programs that may use a station's HTTP API.")
 
-
-@user_app.command("add")
-@reports_errors
 def add_user(folder: options.Station, name: _UserName, role: _RoleName) -> None:
     """Add a user, or change the role and password of one.
 
@@ -41,8 +36,6 @@ def add_user(folder: options.Station, name: _UserName, role: _RoleName) -> None:
     out.print(f"user {name}: {role}")
 
 
-@user_app.command("kiosk")
-@reports_errors
 def set_kiosk(folder: options.Station) -> None:
     """Set the PIN by which the line's screens log in as an operator.
 
@@ -60,8 +53,6 @@ def set_kiosk(folder: options.Station) -> None:
     out.print(f"user {KIOSK}: operator, at {screens or 'no screen; set kiosk_addresses'}")
 
 
-@user_app.command("remove")
-@reports_errors
 def remove_user(folder: options.Station, name: _UserName) -> None:
     """Remove a user; the sessions of this user end at once."""
     from capture.station.domain.folder import StationFolder
@@ -72,8 +63,6 @@ def remove_user(folder: options.Station, name: _UserName) -> None:
     out.print(f"user {name}: removed")
 
 
-@user_app.command("list")
-@reports_errors
 def list_users(folder: options.Station) -> None:
     """List the users."""
     from capture.station.domain.folder import StationFolder
@@ -85,8 +74,6 @@ def list_users(folder: options.Station) -> None:
     print_table(table)
 
 
-@token_app.command("add")
-@reports_errors
 def add_token(folder: options.Station, name: _ClientName, role: _RoleName) -> None:
     """Add an API client and print its token, which is not stored."""
     from capture.station.domain.folder import StationFolder
@@ -97,8 +84,6 @@ def add_token(folder: options.Station, name: _ClientName, role: _RoleName) -> No
         out.print(accounts.add_client(name, Role(role)))
 
 
-@token_app.command("remove")
-@reports_errors
 def remove_token(folder: options.Station, name: _ClientName) -> None:
     """Remove an API client; its token is invalid at once."""
     from capture.station.domain.folder import StationFolder
@@ -109,8 +94,6 @@ def remove_token(folder: options.Station, name: _ClientName) -> None:
     out.print(f"client {name}: removed")
 
 
-@token_app.command("list")
-@reports_errors
 def list_tokens(folder: options.Station) -> None:
     """List the API clients."""
     from capture.station.domain.folder import StationFolder

@@ -5,12 +5,11 @@ from typing import Annotated
 
 import typer
 
-from capture.base.console import out, reports_errors
+from capture.base.console import out
 
 from . import options
 
 
-@reports_errors
 def demo(
     output: Annotated[
         Path, typer.Option("--out", help="Folder for the report and the sets.", metavar="DIR")
@@ -23,7 +22,6 @@ def demo(
     run_demo(output, force=force)
 
 
-@reports_errors
 def reproduce(
     output: Annotated[
         Path,

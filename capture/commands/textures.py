@@ -19,7 +19,6 @@ from capture.base.console import (
     print_json,
     print_table,
     progress,
-    reports_errors,
 )
 from capture.base.outputs import check_output, csv_line
 from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER, METHODS, ClassifierName, Method
@@ -62,7 +61,6 @@ _CsvOption = Annotated[
 ]
 
 
-@reports_errors
 def train(
     sets: options.Sets,
     library: _LibraryOption,
@@ -97,7 +95,6 @@ def train(
         out.print(f"{library}: {counts}", *uniformity_remarks(trained.uniformity), sep="\n")
 
 
-@reports_errors
 def classify(
     sets: options.Sets,
     library: _LibraryOption,
@@ -137,7 +134,6 @@ def classify(
     print_table(table)
 
 
-@reports_errors
 def evaluate_(
     sets: options.Sets,
     library: _LibraryOption,
