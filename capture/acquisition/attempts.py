@@ -20,8 +20,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.sets.image_checks import LightImages
 from capture.sets.metadata import CameraRecord, LightingRecord, SetMetadata, image_noise
 from capture.sets.ome_tiff import PixelHash
-from classify import Calibration
-from classify.base.errors import InputError, Ps4rigError
+from classify import Calibration, InputError, Ps4rigError
 from classify.lights.agreement import split_by_redundancy_sign
 from classify.methods import checked_label
 from rig import CameraInfo, HardwareError, Rig

@@ -20,8 +20,7 @@ from capture.maps.surface_maps import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet, calibration_of, naming_file
 from capture.sets.metadata import SetMetadata
-from classify import Calibration, Lighting, Match, Method, TextureLibrary
-from classify.base.errors import InputError
+from classify import Calibration, InputError, Lighting, Match, Method, TextureLibrary
 from classify.classifiers import Observation
 from classify.images import ImageStack
 from classify.library.training import observe

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from capture.base.console import progress
 from capture.sets.captured_set import PLANAR
-from classify import Method, TextureLibrary
-from classify.base.errors import InputError, LibraryError
+from classify import InputError, LibraryError, Method, TextureLibrary
 from classify.library.training import TrainingRow, common_lighting
 from classify.methods import DEFAULT_CLASSIFIER
 

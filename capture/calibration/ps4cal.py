@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, JsonValue, TypeAdapter
 
 from capture.base.errors import CalibrationError
-from classify import Calibration, Lighting
+from classify import Calibration, InputError, Lighting
 from classify.base.array_archive import (
     ArchiveKind,
     ArrayArchive,
@@ -23,7 +23,6 @@ from classify.base.array_archive import (
     write_archive,
 )
 from classify.base.arrays import Array
-from classify.base.errors import InputError
 from classify.base.models import Record
 from classify.calibration.dark import measured_at
 

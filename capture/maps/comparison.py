@@ -12,9 +12,8 @@ import numpy.typing as npt
 
 from capture.base.names import SET_SUFFIX
 from capture.sets.captured_set import CapturedSet, LoadedSet, naming_file
-from classify import SurfaceEstimate
+from classify import InputError, SurfaceEstimate
 from classify.base.arrays import BoolArray, FloatMap, Floats
-from classify.base.errors import InputError
 from classify.library.dissimilarity import TexturePair, compare_textures
 from classify.texture.orientation import MIN_SHARPNESS
 

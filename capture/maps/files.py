@@ -14,10 +14,9 @@ from capture.base.page import rendered
 from capture.calibration.lookup import FoundCalibration
 from capture.maps import pictures
 from capture.sets.captured_set import CapturedSet
-from classify import Lighting, SurfaceEstimate
+from classify import InputError, Lighting, SurfaceEstimate
 from classify.base.arrays import Floats
 from classify.base.durable_file import durable_folder
-from classify.base.errors import InputError
 from classify.lights.flat_field import FlatField
 from classify.relief.roughness import common_error
 

@@ -17,10 +17,9 @@ import numpy as np
 from capture.base.errors import SetRejected
 from capture.sets.captured_set import LoadedSet
 from capture.sets.metadata import SetMetadata
-from classify import SurfaceEstimate, integrate_gradients
+from classify import InputError, SurfaceEstimate, integrate_gradients
 from classify.base.arrays import FloatMap
 from classify.base.durable_file import durable_file
-from classify.base.errors import InputError
 
 
 def solved_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap]:

@@ -7,9 +7,8 @@ import numpy as np
 from capture.calibration.ps4cal import MeasuredPart, stated_error
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
-from classify import Calibration
+from classify import Calibration, InputError
 from classify.base.arrays import BoolArray
-from classify.base.errors import InputError
 from classify.calibration.calibration import CalibratedLights
 from classify.calibration.plate import MeasuredPlate, measure_plate
 from classify.images import ImageStack

@@ -12,9 +12,8 @@ import cv2
 import numpy as np
 
 from capture.sets.captured_set import CapturedSet, LoadedSet
-from classify import Lighting, photometric_stereo
+from classify import InputError, Lighting, Ps4rigError, photometric_stereo
 from classify.base.arrays import Array, BoolArray, FloatMap
-from classify.base.errors import InputError, Ps4rigError
 from rig import Frame, HardwareError, Rig
 
 from .events import PlaceSpecimen

@@ -11,8 +11,7 @@ from capture.sets.archive import JOURNAL
 from capture.sets.captured_set import CapturedSet, LoadedSet
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import read_header
-from classify import SurfaceEstimate, TextureLibrary
-from classify.base.errors import InputError
+from classify import InputError, SurfaceEstimate, TextureLibrary
 from classify.lighting import orientation_near
 from classify.texture.orientation import MIN_SHARPNESS
 from rig.acceptance import MAX_SATURATED_SHARE

@@ -12,9 +12,8 @@ from statistics import NormalDist
 import numpy as np
 
 from capture.sets.captured_set import LoadedSet
-from classify import Spectra, SurfaceEstimate, TextureLibrary, surface_spectra
+from classify import InputError, Spectra, SurfaceEstimate, TextureLibrary, surface_spectra
 from classify.base.arrays import Floats
-from classify.base.errors import InputError
 from classify.images import SIGMA_PER_MAD
 from classify.library.dissimilarity import (
     Dendrogram,

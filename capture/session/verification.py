@@ -13,8 +13,7 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.archive import JOURNAL, is_set_aside
 from capture.sets.captured_set import CapturedSet, calibration_of
 from capture.sets.ome_tiff import read_header
-from classify import DefectModel, TextureLibrary
-from classify.base.errors import InputError
+from classify import DefectModel, InputError, TextureLibrary
 from classify.defects.defect_model import SUFFIX as DEFECTS_SUFFIX
 from classify.library.ps4lib import SUFFIX as LIBRARY_SUFFIX
 from classify.pieces.piece_model import SUFFIX as PIECES_SUFFIX

@@ -15,9 +15,8 @@ import cv2
 import numpy as np
 
 from capture.base.errors import ImportCause
-from classify import Calibration, Lighting, SensorNoise
+from classify import Calibration, InputError, Lighting, SensorNoise
 from classify.base.arrays import Array, BoolArray, Floats
-from classify.base.errors import InputError
 from classify.images import ImageStack
 from classify.lights.agreement import LightAgreement, light_agreement
 from classify.lights.algebra import drop_one_constants

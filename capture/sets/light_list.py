@@ -17,9 +17,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
-from classify import Lighting
+from classify import InputError, Lighting
 from classify.base.durable_file import durable_file
-from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 from classify.lighting import light_fault
 

@@ -13,9 +13,8 @@ import numpy.typing as npt
 
 from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
-from classify import Calibration, Lighting
+from classify import Calibration, InputError, Lighting
 from classify.base.arrays import Array, BoolArray
-from classify.base.errors import InputError
 from classify.base.regular_file import read_regular_file
 from classify.lights.algebra import require_solvable
 from classify.methods import checked_label

@@ -10,9 +10,8 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
-from classify import Lighting
+from classify import InputError, Lighting
 from classify.base.arrays import BoolArray, FloatMap, Floats
-from classify.base.errors import InputError
 from classify.relief.relighting import cast_shadow
 
 from .surfaces import Surface, SurfacePatch, View

@@ -6,9 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from classify import Lighting
+from classify import InputError, Lighting
 from classify.base.arrays import FloatMap, Floats
-from classify.base.errors import InputError
 from rig.set_file import Planes, read_set_file
 
 from .sensor import RecordedPixels
