@@ -36,7 +36,7 @@ MAX_RETAKE_CHANGE = 0.02
 MAX_LED_LEVEL_DIFFERENCE = 0.04
 # Largest standard error of a known level, and least significant difference in standard errors.
 MAX_LED_LEVEL_ERROR = 0.01
-LED_LEVEL_STANDARD_ERRORS = 4.0
+_LED_LEVEL_STANDARD_ERRORS = 4.0
 # Levels within this of the configured ones need no correction: half of what a capture accepts.
 EQUAL_LED_LEVELS = 0.02
 # Share of the detail of a photograph that a linear combination of the other photographs explains:
@@ -45,3 +45,8 @@ EQUAL_LED_LEVELS = 0.02
 MIN_EXPLAINED_DETAIL, LITTLE_EXPLAINED_DETAIL = 0.3, 0.4
 # Least share of rows in which the four light images are compared: a row left out may be torn.
 MIN_COMPARED_ROW_SHARE = 1.0
+
+
+def led_level_limit(error: float) -> float:
+    """Difference of LED levels, known with a standard error, beyond which images are rejected."""
+    return max(MAX_LED_LEVEL_DIFFERENCE, _LED_LEVEL_STANDARD_ERRORS * error)

@@ -48,16 +48,7 @@ def check_set(
         if agreement is None or agreement.levels is None:
             _check_signals(calibrated)
     light_order = _checked_order(calibrated)
-    levels = None if agreement is None else agreement.levels
-    return ChecksRecord(
-        ambient_change=ambient_change,
-        redundancy_residual=None if agreement is None else agreement.redundancy_residual,
-        light_levels=levels,
-        light_levels_error=None if agreement is None or levels is None else agreement.level_error,
-        retaken=bool(undecided),
-        light_order=light_order,
-        undecided=undecided,
-    )
+    return ChecksRecord.of(agreement, light_order, ambient_change, undecided)
 
 
 def check_images(images: LightImages) -> None:
@@ -114,14 +105,7 @@ def check_target(images: LightImages) -> ChecksRecord:
     """
     _check_different(images)
     is_bright = float(images.signals.max()) >= acceptance.MIN_SIGNAL_SHARE * images.full_scale
-    return ChecksRecord(
-        ambient_change=_check_ambient(images) if is_bright else None,
-        redundancy_residual=None,
-        light_levels=None,
-        light_levels_error=None,
-        retaken=False,
-        light_order="undecided",
-    )
+    return ChecksRecord.of(None, "undecided", _check_ambient(images) if is_bright else None)
 
 
 def _retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
@@ -203,13 +187,8 @@ def measured_levels(checks: ChecksRecord) -> tuple[float, ...] | None:
     levels, error = checks.light_levels, checks.light_levels_error
     if levels is None or error is None:
         return None
-    limit = _level_limit(error)
+    limit = acceptance.led_level_limit(error)
     return levels if any(abs(level - 1.0) > limit for level in levels) else None
-
-
-def _level_limit(error: float) -> float:
-    """Difference of LED levels beyond which the images must be corrected, or are rejected."""
-    return max(acceptance.MAX_LED_LEVEL_DIFFERENCE, acceptance.LED_LEVEL_STANDARD_ERRORS * error)
 
 
 def _weak_leds(
@@ -218,7 +197,7 @@ def _weak_leds(
     """Describe LEDs whose level must be corrected; reject images that no LED level explains."""
     if agreement is None or agreement.levels is None:
         return ()
-    limit = _level_limit(agreement.level_error)
+    limit = acceptance.led_level_limit(agreement.level_error)
     unequal_levels = {
         light: level for light, level in enumerate(agreement.levels) if abs(level - 1.0) > limit
     }

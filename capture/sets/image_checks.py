@@ -143,17 +143,8 @@ def check_photographs(
         *_four_lights(images, agreement),
         *_many_lights(calibrated),
     ]
-    record = ChecksRecord(
-        ambient_change=None,
-        redundancy_residual=None if agreement is None else agreement.redundancy_residual,
-        light_levels=None if agreement is None else agreement.levels,
-        light_levels_error=(
-            None if agreement is None or agreement.levels is None else agreement.level_error
-        ),
-        retaken=False,
-        light_order="confirmed" if order.verdict == "confirmed" else "undecided",
-    )
-    return findings, record
+    is_confirmed = order.verdict == "confirmed"
+    return findings, ChecksRecord.of(agreement, "confirmed" if is_confirmed else "undecided")
 
 
 def _equal(images: LightImages) -> Iterator[_Finding]:
@@ -262,10 +253,7 @@ def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Itera
             )
     if agreement is None or agreement.levels is None:
         return
-    limit = max(
-        acceptance.MAX_LED_LEVEL_DIFFERENCE,
-        acceptance.LED_LEVEL_STANDARD_ERRORS * agreement.level_error,
-    )
+    limit = acceptance.led_level_limit(agreement.level_error)
     for name, level in zip(images.names, agreement.levels, strict=True):
         if abs(level - 1.0) > limit:
             reference = (

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, Field, StrictBool, StrictInt
 from classify import Lighting, SensorNoise
 from classify.base.models import Record
 from classify.images import ROUNDING_VARIANCE
+from classify.lights.agreement import LightAgreement
 from rig import ControllerIdentity, Placement
 
 _Vector = tuple[float, float, float]
@@ -107,6 +108,9 @@ class CameraRecord(Record):
         return SensorNoise(self.gain_e_per_dn, self.read_noise_dn, self.black_level_dn or 0.0)
 
 
+_LightOrder = Literal["confirmed", "undecided"]
+
+
 class ChecksRecord(Record):
     """Results of the checks of the lights from the images of a set."""
 
@@ -116,8 +120,30 @@ class ChecksRecord(Record):
     light_levels_error: float | None
     levels_corrected: bool = False  # whether the intensities of the lights contain the levels
     retaken: bool
-    light_order: Literal["confirmed", "undecided"]
+    light_order: _LightOrder
     undecided: tuple[str, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        agreement: LightAgreement | None,
+        light_order: _LightOrder,
+        ambient_change: float | None = None,
+        undecided: tuple[str, ...] = (),
+    ) -> Self:
+        """Make the record of a set, which was retaken if a check was undecided."""
+        levels = None if agreement is None else agreement.levels
+        return cls(
+            ambient_change=ambient_change,
+            redundancy_residual=None if agreement is None else agreement.redundancy_residual,
+            light_levels=levels,
+            light_levels_error=None
+            if agreement is None or levels is None
+            else agreement.level_error,
+            retaken=bool(undecided),
+            light_order=light_order,
+            undecided=undecided,
+        )
 
 
 class CorrectionRecord(Record):
