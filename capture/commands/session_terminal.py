@@ -14,8 +14,6 @@ from capture.session import events
 from capture.session.events import Answer
 
 if TYPE_CHECKING:
-    from types import TracebackType
-
     from capture.session.folder import SessionFolder
     from capture.session.journal import SetEntry
     from capture.session.live_view import LiveView
@@ -63,12 +61,7 @@ class SessionTerminal:
         self._bar.start()
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._bar.stop()
 
     def listen(self, event: events.Event) -> None:
