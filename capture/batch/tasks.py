@@ -7,7 +7,6 @@ absolute, because a worker of a cluster has another working folder.
 import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,7 @@ from capture.sets import ome_tiff
 from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet, calibration_of, naming_file
 from capture.sets.metadata import SetMetadata
 from classify import Calibration, InputError, Lighting, Match, Method, TextureLibrary
+from classify.base.regular_file import read_once
 from classify.classifiers import Observation
 from classify.images import ImageStack
 from classify.library.training import observe
@@ -272,16 +272,6 @@ def _solver(metadata: SetMetadata, method: Method | None) -> Method:
     return chosen
 
 
+@read_once(files=1)
 def _read_library(path: Path) -> TextureLibrary:
-    """Load a library; an unchanged file is read only once."""
-    try:
-        status = path.stat()
-    except OSError:
-        return TextureLibrary.load(path)  # which raises the error
-    return _loaded(path, status.st_mtime_ns, status.st_size)
-
-
-@lru_cache(maxsize=1)
-def _loaded(path: Path, _mtime_ns: int, _size: int) -> TextureLibrary:
-    """Load a library file; the time and the size are in the key of the cache."""
     return TextureLibrary.load(path)

@@ -2,12 +2,12 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
 from pathlib import Path
 from typing import Self
 
 from capture.base.errors import CalibrationError
 from classify.base.durable_file import make_folder
+from classify.base.regular_file import read_once
 
 from .ps4cal import SUFFIX, CalibrationFile, utc_of
 from .setting import Setting
@@ -67,13 +67,10 @@ def check_setting(file: CalibrationFile, setting: Setting, owner: str) -> None:
         )
 
 
+@read_once(files=8)
 def read_calibration(path: Path) -> CalibrationFile:
     """Read a calibration, or return the one that was read from the unchanged file before."""
-    try:
-        status = path.stat()
-    except OSError:
-        return CalibrationFile.read(path)  # which raises the error
-    return _read(path, status.st_mtime_ns, status.st_size)
+    return CalibrationFile.read(path)
 
 
 def keep_beside(file: CalibrationFile, set_path: Path) -> None:
@@ -86,12 +83,6 @@ def keep_beside(file: CalibrationFile, set_path: Path) -> None:
     if _hash_at(copy) != file.hash:
         make_folder(folder)
         file.write(copy)
-
-
-@lru_cache(maxsize=8)
-def _read(path: Path, _mtime_ns: int, _size: int) -> CalibrationFile:
-    """Read a calibration; the time and the size are in the key of the cache."""
-    return CalibrationFile.read(path)
 
 
 def _hash_at(path: Path) -> str | None:

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 from typing import Self
@@ -14,6 +14,7 @@ import numpy as np
 from capture.sets.captured_set import CapturedSet, LoadedSet
 from classify import InputError, Lighting, Ps4rigError, photometric_stereo
 from classify.base.arrays import Array, BoolArray, FloatMap
+from classify.base.regular_file import read_once
 from rig import Frame, HardwareError, Rig
 
 from .events import PlaceSpecimen
@@ -160,8 +161,7 @@ class PlacementGuide:
     @classmethod
     def of(cls, first: Path, required_deg: float | None = None) -> Self:
         """Make the guide from the first set of a specimen, by default for its orientation."""
-        changed_ns = first.stat().st_mtime_ns if first.is_file() else 0
-        outline, reference, first_deg = _first_placement(first, changed_ns)
+        outline, reference, first_deg = _first_placement(first)
         required_deg = first_deg if required_deg is None else required_deg
         return cls(outline.rotated(required_deg - first_deg), reference, required_deg)
 
@@ -186,8 +186,8 @@ class PlacementGuide:
         return f"now at {now_deg:.1f} degrees: {request}"
 
 
-@lru_cache(maxsize=1)
-def _first_placement(first: Path, _mtime_ns: int) -> tuple[Outline, SpecimenReference, float]:
+@read_once(files=1)
+def _first_placement(first: Path) -> tuple[Outline, SpecimenReference, float]:
     """Outline, texture and orientation of the first placement, kept for the next one."""
     loaded = LoadedSet.of(first)
     return (

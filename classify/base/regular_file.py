@@ -2,8 +2,10 @@
 
 import os
 import stat
+from collections.abc import Callable
+from functools import lru_cache, wraps
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, TypeVar
 
 from .errors import InputError
 
@@ -12,6 +14,8 @@ from .errors import InputError
 _FLAGS = getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_NOCTTY", 0)
 
 _PIECE_BYTES = 1 << 20
+
+_Content = TypeVar("_Content")
 
 
 def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
@@ -61,3 +65,27 @@ def _descriptor(path: str, flags: int) -> int:
 
 def _too_large(path: Path, max_bytes: int) -> InputError:
     return InputError(f"{path}: larger than {max_bytes} bytes, the limit for this file")
+
+
+def read_once(files: int) -> Callable[[Callable[[Path], _Content]], Callable[[Path], _Content]]:
+    """Decorate a reader: the contents of the last `files` files are kept while these are unchanged.
+
+    A file with the same modification time and size counts as unchanged.
+    """
+
+    def decorate(read: Callable[[Path], _Content]) -> Callable[[Path], _Content]:
+        @lru_cache(maxsize=files)
+        def kept(path: Path, _mtime_ns: int, _size: int) -> _Content:
+            return read(path)
+
+        @wraps(read)
+        def read_if_changed(path: Path) -> _Content:
+            try:
+                status = path.stat()
+            except OSError:
+                return read(path)  # which raises the error
+            return kept(path, status.st_mtime_ns, status.st_size)
+
+        return read_if_changed
+
+    return decorate
