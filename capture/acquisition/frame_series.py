@@ -1,6 +1,6 @@
 """Frames for the calibration of a camera: lens covered, and exposure ladder."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
@@ -53,11 +53,13 @@ def rungs_of_rig(rig: Rig, calibration: Calibration) -> list[Rung]:
     with restored_exposure(rig):
         light = brightest_light(rig)
         exposures_ms = ladder_ms(rig, light)
-        series = ladder_frames(rig, light, exposures_ms, _LADDER_FRAMES)
-        return [
-            Rung(exposure_ms, levels_of(frames, full_scale, bit_depth, calibration))
-            for exposure_ms, frames in progress(series, len(exposures_ms), "exposures")
-        ]
+        rungs = []
+        for exposure_ms in progress(exposures_ms, len(exposures_ms), "exposures"):
+            frames = frames_at(rig, light, exposure_ms, _LADDER_FRAMES)
+            levels = levels_of(frames, full_scale, bit_depth, calibration)
+            # A camera rounds the exposure that is set.
+            rungs.append(Rung(1e3 * rig.camera.info.exposure_s, levels))
+        return rungs
 
 
 def frame_series(rig: Rig, light: int | None, count: int) -> Pixels:
@@ -129,12 +131,3 @@ def frames_at(rig: Rig, light: int, exposure_ms: float, count: int) -> Pixels:
     for _ in range(info.queue_length + EXPOSURE_LAG_FRAMES):
         rig.camera.read((info.queue_length + FRAMES_BESIDES_QUEUE) * info.frame_period_s + SPARE_S)
     return frame_series(rig, light, count)
-
-
-def ladder_frames(
-    rig: Rig, light: int, exposures_ms: Sequence[float], count: int
-) -> Iterator[tuple[float, Pixels]]:
-    """Yield the set exposure in ms, and (count, H, W) frames, for each exposure."""
-    for exposure_ms in exposures_ms:
-        frames = frames_at(rig, light, exposure_ms, count)
-        yield 1e3 * rig.camera.info.exposure_s, frames

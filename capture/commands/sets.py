@@ -78,8 +78,6 @@ def capture(
     from rig.config.rig import config_of
 
     config = config_of(rig)
-    if calibration is None and config.calibration is not None and not target:
-        calibration = Path(config.calibration)
     calibration_file = None if calibration is None else read_calibration(calibration)
     recording = config.camera.recording
     recordings = [] if recording is None else [recording]
