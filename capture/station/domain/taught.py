@@ -94,7 +94,7 @@ class Taught(Record):
     """The measurements of teaching on all parts of a recipe."""
 
     format: Literal["ps4rig-taught"] = "ps4rig-taught"
-    version: Literal[4] = 4
+    version: Literal[3] = 3
     utc: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
     setting: Setting  # of the rig; a set with another setting cannot be judged
