@@ -127,10 +127,10 @@ class Taught(Record):
         return fields_sha256(self.model_dump(mode="json"))
 
 
-def read_taught(path: Path) -> Taught:
+def read_taught(path: Path, remedy: str = "run ps4rig station teach") -> Taught:
     """Read the measurements of teaching."""
     try:
-        return Taught.read(path, _MAX_BYTES, "run ps4rig station teach")
+        return Taught.read(path, _MAX_BYTES, remedy)
     except InputError as error:
         raise RecipeError(str(error)) from error
 

@@ -39,7 +39,12 @@ def known_sets(files: RecipeFolder, recipe: Recipe) -> Iterator[KeptSet]:
     """Yield the sets that a recipe was taught, except those whose file was removed."""
     if recipe.taught is None:
         return
-    for texture, taught in read_taught(files.version(recipe.version).taught).textures.items():
+    remedy = (
+        f"restore it from a backup, or remove {files.file} and teach the sets in {files.sets} "
+        "again, with --label TEXTURE"
+    )
+    measurements = read_taught(files.version(recipe.version).taught, remedy)
+    for texture, taught in measurements.textures.items():
         for taught_set in taught.sets:
             path = files.sets / taught_set.file
             if path.is_file():

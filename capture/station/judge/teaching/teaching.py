@@ -106,8 +106,11 @@ def _next_version(
 ) -> Recipe:
     """The next version of a recipe with further textures, good or bad, and without `emptied`."""
     name = files.name
-    passes, fails = ((), ()) if before is None else (before.passes, before.fails)
-    passes, fails = (tuple(n for n in names if n not in emptied) for names in (passes, fails))
+    before = before or Recipe(name=name, passes=())
+    passes, fails = (
+        tuple(texture for texture in names if texture not in emptied)
+        for names in (before.passes, before.fails)
+    )
     for texture in textures:
         if texture in (passes if bad else fails):
             raise RecipeError(
@@ -121,12 +124,11 @@ def _next_version(
     if not passes:
         raise RecipeError(f"recipe {name} has no good parts yet; teach these first")
     changes: dict[str, Any] = {"passes": passes, "fails": fails, "approval": None}
-    if before is None:
-        return Recipe.model_validate({"name": name, **changes})
     changes["limits_of"] = {
         name: limits for name, limits in before.limits_of.items() if name not in emptied
     }
-    # After a roll back there are later versions, whose files stay.
+    # After a roll back, or without the file of the recipe, there are later versions, whose files
+    # stay.
     taught = [*files.taught_versions()[:1], *([before.version] if before.taught else [])]
     version = max([before.version, *(number + 1 for number in taught)])
     return Recipe.model_validate({**dict(before), **changes, "version": version})

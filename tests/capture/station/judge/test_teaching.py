@@ -108,6 +108,17 @@ def test_too_many_good_parts_are_refused_before_any_is_solved(
 
 
 @pytest.mark.slow
+def test_sets_are_taught_anew_when_the_measurements_are_lost(files: RecipeFolder) -> None:
+    files.version(2).taught.unlink()
+    with pytest.raises(RecipeError, match="restore it from a backup, or remove"):
+        teach(files, [])
+    files.file.unlink()
+    earlier = files.version(1).taught.read_bytes()
+    again = teach(files, sorted(files.sets.glob("*.ome.tif"))[:3], good_texture="rock")
+    assert again.recipe.version == 2
+    assert files.version(1).taught.read_bytes() == earlier
+
+
 def test_a_removed_file_is_no_longer_taught(files: RecipeFolder) -> None:
     bad = read_recipe(files.file)
     for each in read_taught(files.version(2).taught).textures["loose sand"].sets:
