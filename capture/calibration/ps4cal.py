@@ -100,6 +100,10 @@ class MeasuredPart:
         record = PartRecord(setting=setting, quality=quality, figures=figures, source=tuple(source))
         return cls(name, part, record, tuple(warnings))
 
+    def figure(self, name: str) -> float:
+        """Return a figure of the record; 0 if it is missing."""
+        return self.record.figures.get(name, 0.0)
+
 
 class _PartHeader(Record):
     """Record, plain values and names of the arrays of a part."""

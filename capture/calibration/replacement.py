@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from classify.lighting import angles_between_deg
 from classify.lights.flat_field import FlatField
 
 from .lookup import OLD_DAYS
-from .ps4cal import CalibrationFile, MeasuredPart, PartRecord
+from .ps4cal import CalibrationFile, MeasuredPart
 from .setting import PartName
 
 # Standard errors from which a difference counts as real; normal errors reach 3 once in 370 times.
@@ -52,26 +51,15 @@ class _Difference:
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _RecordedPart:
-    """A part with its record."""
-
-    part: Any
-    record: PartRecord
-
-    def figure(self, name: str) -> float:
-        return self.record.figures.get(name, 0.0)
-
-
 def reason_to_keep(file: CalibrationFile, new: MeasuredPart) -> str | None:
     """Say why the part of a calibration is better than a new one; None if it is not.
 
     A new part that contradicts the present one raises `CalibrationRejected`.
     """
-    present, measured = _present_part(file, new), _RecordedPart(new.part, new.record)
+    present = _present_part(file, new)
     if present is None:
         return None
-    for difference in _DIFFERENCES[new.name](present, measured):
+    for difference in _DIFFERENCES[new.name](present, new):
         if difference.size > difference.limit:
             raise CalibrationRejected(
                 f"{file.path}: {new.name.replace('_', ' ')}: {difference}, measured "
@@ -80,11 +68,11 @@ def reason_to_keep(file: CalibrationFile, new: MeasuredPart) -> str | None:
             )
     if (present.record.age_days(datetime.now(UTC)) or 0) > OLD_DAYS:
         return None
-    if (extra := _advantage(new.name, present, measured)) is not None:
+    if (extra := _advantage(present, new)) is not None:
         return f"it has {extra}, which the new one lacks"
-    present_error, new_error = (_ERRORS[new.name](part) for part in (present, measured))
+    present_error, new_error = (_ERRORS[new.name](part) for part in (present, new))
     limit = max(_MAX_ERROR_RATIO * present_error, _NEGLIGIBLE_ERRORS[new.name])
-    if new_error <= limit or _advantage(new.name, measured, present) == _POSITIONS:
+    if new_error <= limit or _advantage(new, present) == _POSITIONS:
         return None
     return f"its error is {present_error:.2g}, that of the new one {new_error:.2g}"
 
@@ -116,7 +104,7 @@ def with_other_exposures(new: MeasuredPart, file: CalibrationFile) -> MeasuredPa
     return replace(new, part=merged, record=new.record.model_copy(update=changes))
 
 
-def _present_part(file: CalibrationFile, new: MeasuredPart) -> _RecordedPart | None:
+def _present_part(file: CalibrationFile, new: MeasuredPart) -> MeasuredPart | None:
     """The present part that a new one would replace; None if it does not hold at its setting."""
     if new.name not in file.records:
         return None
@@ -124,9 +112,9 @@ def _present_part(file: CalibrationFile, new: MeasuredPart) -> _RecordedPart | N
     if new.name == "dark":
         matching = (dark for dark in part.exposures if dark.holds_at(new.part.exposure_ms))
         part = next(matching, None) if _has_camera_setting_of_dark(file, new) else None
-        return None if part is None else _RecordedPart(part, record)
+        return None if part is None else MeasuredPart(new.name, part, record)
     is_outdated = new.name in file.outdated_parts or file.differences(new.name, new.record.setting)
-    return None if is_outdated else _RecordedPart(part, record)
+    return None if is_outdated else MeasuredPart(new.name, part, record)
 
 
 def _has_camera_setting_of_dark(file: CalibrationFile, new: MeasuredPart) -> bool:
@@ -144,7 +132,7 @@ def _relative_change(present: float, measured: float) -> float:
     return math.expm1(abs(math.log(measured / present)))
 
 
-def _scale(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
+def _scale(present: MeasuredPart, measured: MeasuredPart) -> Iterator[_Difference]:
     before: Scale = present.part
     now: Scale = measured.part
     yield _Difference(
@@ -160,7 +148,7 @@ def _scale(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Differe
         )
 
 
-def _lights(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
+def _lights(present: MeasuredPart, measured: MeasuredPart) -> Iterator[_Difference]:
     before: CalibratedLights = present.part
     now: CalibratedLights = measured.part
     angles_deg = angles_between_deg(before.lighting.directions, now.lighting.directions)
@@ -187,7 +175,7 @@ def _lights(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Differ
         yield _Difference(text, _relative_change(first_px, second_px), limit)
 
 
-def _flat_field(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
+def _flat_field(present: MeasuredPart, measured: MeasuredPart) -> Iterator[_Difference]:
     setting = present.record.setting
     longer = max(setting.width_px, setting.height_px)
     x, y = (
@@ -204,7 +192,7 @@ def _flat_field(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Di
         yield _Difference(f"light {light} of another strength", math.expm1(change), limit)
 
 
-def _response(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
+def _response(present: MeasuredPart, measured: MeasuredPart) -> Iterator[_Difference]:
     before: Response = present.part
     now: Response = measured.part
     linear = np.linspace(0.0, 1.0, len(before.curve))
@@ -213,7 +201,7 @@ def _response(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Diff
     yield _Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
 
 
-def _noise(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
+def _noise(present: MeasuredPart, measured: MeasuredPart) -> Iterator[_Difference]:
     before: Noise = present.part
     now: Noise = measured.part
     gains = before.sensor.gain_e_per_dn, now.sensor.gain_e_per_dn
@@ -228,7 +216,7 @@ def _noise(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Differe
     yield _Difference(text, size, _limit(_FLOOR_NOISE, *errors))
 
 
-def _dark(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Difference]:
+def _dark(present: MeasuredPart, measured: MeasuredPart) -> Iterator[_Difference]:
     before: Dark = present.part
     now: Dark = measured.part
     full = before.full_scale
@@ -241,7 +229,7 @@ def _dark(present: _RecordedPart, measured: _RecordedPart) -> Iterator[_Differen
     yield _Difference(text, size, _FLOOR_NOISE)
 
 
-_DIFFERENCES: dict[PartName, Callable[[_RecordedPart, _RecordedPart], Iterator[_Difference]]] = {
+_DIFFERENCES: dict[PartName, Callable[[MeasuredPart, MeasuredPart], Iterator[_Difference]]] = {
     "dark": _dark,
     "response": _response,
     "noise": _noise,
@@ -250,7 +238,7 @@ _DIFFERENCES: dict[PartName, Callable[[_RecordedPart, _RecordedPart], Iterator[_
     "scale": _scale,
 }
 # Errors of the parts, for the comparison of two of one kind.
-_ERRORS: dict[PartName, Callable[[_RecordedPart], float]] = {
+_ERRORS: dict[PartName, Callable[[MeasuredPart], float]] = {
     "dark": lambda part: part.figure("frames") ** -0.5 if part.figure("frames") else 0.0,
     "response": lambda part: float(part.part.error),
     "noise": lambda part: part.figure("gain_error_share"),
@@ -263,7 +251,7 @@ _NEGLIGIBLE_ERRORS: dict[PartName, float] = {
     "dark": 0.0, "response": 5e-4, "noise": 5e-3, "flat_field": 1e-3, "lights": 2e-3, "scale": 5e-4,
 }  # fmt: skip
 # Extra data of a part, and whether a part has them.
-_EXTRAS: dict[PartName, tuple[str, Callable[[_RecordedPart], bool]]] = {
+_EXTRAS: dict[PartName, tuple[str, Callable[[MeasuredPart], bool]]] = {
     "scale": ("a focal length", lambda part: part.part.focal_px is not None),
     "lights": (_POSITIONS, lambda part: part.part.distance_errors is not None),
     "flat_field": (
@@ -273,11 +261,11 @@ _EXTRAS: dict[PartName, tuple[str, Callable[[_RecordedPart], bool]]] = {
 }
 
 
-def _advantage(name: PartName, part: _RecordedPart, other: _RecordedPart) -> str | None:
+def _advantage(part: MeasuredPart, other: MeasuredPart) -> str | None:
     """Name of the extra data that `part` has and `other` lacks; None without any."""
-    if name not in _EXTRAS:
+    if part.name not in _EXTRAS:
         return None
-    extra, has_extra = _EXTRAS[name]
+    extra, has_extra = _EXTRAS[part.name]
     return extra if has_extra(part) and not has_extra(other) else None
 
 
