@@ -134,13 +134,10 @@ class VirtualClock:
 
         def unregister() -> None:
             with self._step_lock:
-                self._callbacks = tuple(c for c in self._callbacks if c is not entry)
-
-        def entry() -> None:  # its own object, so that one callback may be registered twice
-            callback()
+                self._callbacks = tuple(c for c in self._callbacks if c is not callback)
 
         with self._step_lock:
-            self._callbacks = (*self._callbacks, entry)
+            self._callbacks = (*self._callbacks, callback)
         return unregister
 
     def _step_towards(self, deadline_ns: int) -> None:
