@@ -21,7 +21,7 @@ _PREFIX = "ps4_"  # tools that look for secrets in repositories find it
 _SECRET_BYTES = 32  # random bytes of a token
 
 
-class Client(Section):
+class _Client(Section):
     """A program that uses the API."""
 
     name: Name
@@ -32,7 +32,7 @@ class Client(Section):
 
 
 class _File(Section):
-    clients: tuple[Client, ...] = Field(default=(), max_length=_MAX_CLIENTS, strict=False)
+    clients: tuple[_Client, ...] = Field(default=(), max_length=_MAX_CLIENTS, strict=False)
 
 
 class Tokens:
@@ -41,11 +41,11 @@ class Tokens:
     def __init__(self, folder: Path) -> None:
         self._file = PrivateFile(folder / _FILE, _File)
 
-    def all(self) -> tuple[Client, ...]:
+    def all(self) -> tuple[_Client, ...]:
         """Return all clients, by name."""
         return tuple(sorted(self._file.read().clients, key=lambda client: client.name))
 
-    def find(self, token: str) -> Client | None:
+    def find(self, token: str) -> _Client | None:
         """Return the client of a token."""
         # Hashes are compared: the time reveals nothing of the token.
         digest = _sha256(token)
@@ -59,7 +59,7 @@ class Tokens:
         values = {
             "name": name, "role": role, "sha256": _sha256(token), "created_utc": utc_text()
         }  # fmt: skip
-        client = validated(values, Client, "client")
+        client = validated(values, _Client, "client")
         with self._file.changing():
             clients = self.all()
             if any(client.name == name for client in clients):
@@ -70,7 +70,7 @@ class Tokens:
             self._file.write(_File(clients=(*clients, client)))
         return token
 
-    def remove(self, name: str, record: Callable[[Client], None] = lambda _: None) -> None:
+    def remove(self, name: str, record: Callable[[_Client], None] = lambda _: None) -> None:
         """Remove a client, whose token is invalid at once; `record` as for `Users.put`."""
         with self._file.changing():
             clients = self.all()

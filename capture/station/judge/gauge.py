@@ -23,12 +23,12 @@ from classify.confidence import (
     trials_to_show,
 )
 
-Rating = Literal["acceptable", "marginal", "unacceptable"]
+_Rating = Literal["acceptable", "marginal", "unacceptable"]
 # Smallest effectiveness, and largest shares of misses and of false alarms, of an acceptable and of
 # a marginal gauge (AIAG, Measurement Systems Analysis, 4th edition, chapter III C).
 ACCEPTABLE = (0.90, 0.02, 0.05)
 _MARGINAL = (0.80, 0.05, 0.10)
-_RATINGS: tuple[tuple[Rating, tuple[float, float, float]], ...] = (
+_RATINGS: tuple[tuple[_Rating, tuple[float, float, float]], ...] = (
     ("acceptable", ACCEPTABLE),
     ("marginal", _MARGINAL),
 )
@@ -101,7 +101,7 @@ class GaugeStudy:
         return self._wrong_of(is_good=True)
 
     @property
-    def rating(self) -> Rating:
+    def rating(self) -> _Rating:
         """The rating by AIAG; unacceptable without good parts or without bad parts."""
         shares = (self.effectiveness.share, self.misses.share, self.false_alarms.share)
         if any(share is None for share in shares):
@@ -222,7 +222,7 @@ class GaugeReport(Record):
     effectiveness: Share  # `effectiveness` to `rating`: as in `GaugeStudy`
     misses: Share
     false_alarms: Share
-    rating: Rating
+    rating: _Rating
     lines: tuple[str, ...]  # of `GaugeStudy`, then of `FaultStudy`
     wrong: tuple[str, ...]  # `GaugeStudy.wrong_verdicts`, of the first parts
 

@@ -54,7 +54,7 @@ class RecipeRequest:
     name: str
 
 
-class Selection:
+class _Selection:
     """The state of the last rise of SelectRecipe.
 
     A recipe that is being loaded is loaded even if SelectRecipe falls; until then no other can be
@@ -140,7 +140,7 @@ class Handshake:
         self._overruns = 0
         self._is_wrong_ack = False
         self.heartbeat = 0  # the caller counts it up
-        self.selection = Selection()
+        self.selection = _Selection()
 
     # The PLC.
 

@@ -76,7 +76,7 @@ class Filters(StatisticsFilters):
         return replace(super().selection, decision=decision, part_of_id=self.part or None)
 
 
-FILTERS = {field.alias or name: field.description for name, field in Filters.model_fields.items()}
+_FILTERS = {field.alias or name: field.description for name, field in Filters.model_fields.items()}
 _OF_ONE_PART, _TIMES = ("verdict", "part"), {"since", "until"}
 
 
@@ -97,7 +97,7 @@ class FilterForm:
     @classmethod
     def of(cls, call: Call, choices: Choices) -> Self:
         """Return the form of a page."""
-        given = {name: value for name in FILTERS if (value := call.request.query_params.get(name))}
+        given = {name: value for name in _FILTERS if (value := call.request.query_params.get(name))}
         for name in _TIMES & given.keys():
             with suppress(InputError):  # `selection_of` raises it again
                 given[name] = utc_bound(name, given[name], is_end=name == "until", is_local=True)

@@ -22,7 +22,7 @@ from .triggering import KeyedTriggers
 # serve requests.
 MAX_RECKONING = 3
 # The server takes 256 connections: some stay free for other requests.
-MAX_STREAMS = 128
+_MAX_STREAMS = 128
 
 
 class Panel:
@@ -43,6 +43,6 @@ class Panel:
         # The event streams of each account and client, the oldest first.
         self.streams: defaultdict[tuple[str, str], list[Subscription]] = defaultdict(list)
         self.reckoning = Slots(MAX_RECKONING, "exports or statistics")
-        self.event_streams = Slots(MAX_STREAMS, "event streams are open")
+        self.event_streams = Slots(_MAX_STREAMS, "event streams are open")
         # Held by an override or acknowledgement, so that a second click finds the first done.
         self.changing = threading.Lock()

@@ -55,7 +55,7 @@ from .schema import (
 from .utc import require_utc
 
 _RETRY_S = 0.2  # a PostgreSQL server restarts within a second
-T = TypeVar("T")
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class ResultStore:
         with unavailable_if_failing(self.url), self._reader.connect() as connection:
             yield connection
 
-    def write(self, work: Callable[[Connection], T]) -> T:
+    def write(self, work: Callable[[Connection], _T]) -> _T:
         """Do `work` in a transaction on disk, and repeat it while PostgreSQL is unreachable.
 
         `work` must therefore look whether an earlier attempt was committed.

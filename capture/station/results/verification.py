@@ -31,7 +31,7 @@ def verify_station(folder: Path, head: str | None = None) -> Iterator[FileFindin
 
 
 def _results(folder: Path, store: ResultStore, head: str | None) -> Iterator[FileFinding]:
-    faults = [f"results: {fault}; restore a backup" for fault in contradictions(store)]
+    faults = [f"results: {fault}; restore a backup" for fault in _contradictions(store)]
     if head is not None:
         with store.reading() as connection:
             if not has_link(connection, store.station, head):
@@ -72,7 +72,7 @@ def _set_file(path: Path, entry: HistoryEntry) -> Iterator[FileFinding]:
         yield FileFinding(path, "altered", "its pixels are not those that the results name")
 
 
-def contradictions(store: ResultStore) -> Iterator[str]:
+def _contradictions(store: ResultStore) -> Iterator[str]:
     """Yield a line for each contradiction: missing numbers or links, a damaged SQLite file."""
     yield from broken_links(store.reading, store.station)
     statement = select(func.count(), func.coalesce(func.max(begun_parts.c.number), 0)).where(

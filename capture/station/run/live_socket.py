@@ -45,7 +45,7 @@ TRIGGER = TypeAdapter(Trigger)
 _log = logging.getLogger(__name__)
 
 
-class Request(Record):
+class _Request(Record):
     """A numbered call of `LiveStation`, ``append``, or ``withdraw``.
 
     ``withdraw`` tells that the client of a trigger is gone, and has no reply.
@@ -189,7 +189,7 @@ class _Panel:
             self._connection.makefile("rb") as lines,
         ):
             while (line := lines.readline(MAX_REQUEST_BYTES)).endswith(b"\n"):
-                request = Request.model_validate_json(line)
+                request = _Request.model_validate_json(line)
                 if request.call == "withdraw":
                     self._withdrawn.add(request.arguments[0])
                     continue
@@ -198,7 +198,7 @@ class _Panel:
         self._has_ended = True
         self._woken.set()
 
-    def _answer(self, request: Request) -> None:
+    def _answer(self, request: _Request) -> None:
         try:
             outcome: dict[str, Any] = {"value": self._called(request)}
         except RecipeRefused as error:
@@ -212,7 +212,7 @@ class _Panel:
         reply = Reply(id=request.id, **outcome)
         self._send(b'{"reply":%s}\n' % reply.model_dump_json().encode())
 
-    def _called(self, request: Request) -> Accepted | Refused | RecipeLoaded | bool | None:
+    def _called(self, request: _Request) -> Accepted | Refused | RecipeLoaded | bool | None:
         live = self._live
         match request.call, request.arguments:
             case "submit", (given,):

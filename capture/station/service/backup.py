@@ -35,7 +35,7 @@ _BESIDE_SQLITE = ("", "-wal", "-shm", "-journal")
 _LOCKS = (".lock", LOCK_FILE_SUFFIX, f"{LOCK_FILE_SUFFIX}-journal")
 DUMP = "results.pgdump"
 MANIFEST = "backup.json"
-MAX_FILES = 2_000_000
+_MAX_FILES = 2_000_000
 """Largest number of files: those of three weeks with a failed part a second. The manifest then has
 400 MB."""
 _MAX_FOLDERS = 16
@@ -84,11 +84,11 @@ class _Manifest(Record):
     chain_sha256: _Text  # head of the chain of hashes of the station; empty without rows
     sets: _Count
     # Set files that the results name. The first fault ends the reading of a hostile list.
-    missing: Annotated[tuple[_InnerPath, ...], Field(max_length=MAX_FILES), FailFast()]
-    files: Annotated[tuple[_StoredFile, ...], Field(max_length=MAX_FILES), FailFast()]
+    missing: Annotated[tuple[_InnerPath, ...], Field(max_length=_MAX_FILES), FailFast()]
+    files: Annotated[tuple[_StoredFile, ...], Field(max_length=_MAX_FILES), FailFast()]
 
 
-class Backup:
+class _Backup:
     """A backup that is about to be written; `prepared_backup` makes it."""
 
     def __init__(
@@ -112,8 +112,10 @@ class Backup:
                 self.sources[str(path)] = folder / path
             else:
                 self._missing.append(name)
-        if len(self.sources) > MAX_FILES:
-            raise InputError(f"{folder}: has more than {MAX_FILES} files; move old parts elsewhere")
+        if len(self.sources) > _MAX_FILES:
+            raise InputError(
+                f"{folder}: has more than {_MAX_FILES} files; move old parts elsewhere"
+            )
         self.remarks = tuple(_remarks(folder, config, self._missing))
 
     def write(self, path: Path) -> Iterator[str]:
@@ -145,7 +147,7 @@ class Backup:
 
 
 @contextmanager
-def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
+def prepared_backup(folder: Path, path: Path) -> Iterator[_Backup]:
     """Copy the results of a station, which may run, and list the files of the backup.
 
     No set file is removed during the block.
@@ -165,7 +167,7 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[Backup]:
             _check_space(folder, config, path, 2 * Path(results).stat().st_size)
             snapshot = copy_results(results, config.name, copy)
             database = (_name_of_results(folder, Path(results)), copy)
-        backup = Backup(folder, config, snapshot, database)
+        backup = _Backup(folder, config, snapshot, database)
         needed_bytes = sum(source.stat().st_size for source in backup.sources.values())
         _check_space(folder, config, path, needed_bytes)
         yield backup
