@@ -85,6 +85,18 @@ class StampedCameraConfig(CameraConfig):
     )
 
     @property
+    def readout_s(self) -> float | None:
+        """`readout_ms` in seconds."""
+        return None if self.readout_ms is None else self.readout_ms / 1e3
+
+    @property
+    def timing_record(self) -> dict[str, Any]:
+        """The keys of the time stamps, for the metadata of a set."""
+        keys = StampedCameraConfig.model_fields.keys() - CameraConfig.model_fields.keys()
+        marks = {"timestamp_marks": self.timestamp_marks or "frame_end"}
+        return self.model_dump(include=set(keys)) | marks
+
+    @property
     def _believes_driver(self) -> bool:
         """Whether a driver that claims to stamp the start of exposure is believed."""
         if self.timestamp_marks is None:
@@ -103,7 +115,7 @@ class StampedCameraConfig(CameraConfig):
         # of the data, so a declaration counts only if the configuration confirms it.
         if self._believes_driver and claims_start:
             return stamp_s
-        readout_s = period_s if self.readout_ms is None else self.readout_ms / 1e3
+        readout_s = period_s if self.readout_s is None else self.readout_s
         return stamp_s - readout_s - exposure_s
 
     @property

@@ -189,10 +189,9 @@ def reported_timing(
             stamp_s, claims_start=lag_ms is None, period_s=period_s, exposure_s=exposure_s
         )
 
-    readout_ms = simulation.readout_ms if lag_ms is None else camera.readout_ms
     return _ReportedTiming(
         start_s=reported_start_s,
-        readout_s=None if readout_ms is None else readout_ms / 1e3,
+        readout_s=simulation.readout_ms / 1e3 if lag_ms is None else camera.readout_s,
         # A stamp at the true start is reported this much earlier.
         start_uncertainty_s=max(0.0, -reported_start_s(0, 0.0))
         if lag_ms is None

@@ -81,7 +81,7 @@ class GenicamCamera:
             frame_period_s=self._period_s,
             exposure_s=self._exposure_ms / 1e3,
             queue_length=_BUFFERS,
-            readout_s=None if config.readout_ms is None else config.readout_ms / 1e3,
+            readout_s=config.readout_s,
             start_uncertainty_s=config.start_uncertainty_s,
             controls=self._controls,
             **self._pixel_values,
@@ -162,11 +162,7 @@ class GenicamCamera:
             "device": config.device,
             "pixel_format": config.pixel_format,
             "trigger_line": config.trigger_line,
-            "timestamp_marks": config.timestamp_marks or "frame_end",
-            "timestamp_offset_ms": config.timestamp_offset_ms,
-            "timestamp_uncertainty_ms": config.timestamp_uncertainty_ms,
-            "readout_ms": config.readout_ms,
-            "timing_measured_at": config.timing_measured_at,
+            **config.timing_record,
         }
         if camera.has("GevSCPSPacketSize"):
             record["genicam"]["packet_bytes"] = camera.value("GevSCPSPacketSize", int)

@@ -76,7 +76,6 @@ class V4l2Camera:
 
     @property
     def info(self) -> CameraInfo:
-        readout_ms = self._config.readout_ms
         return CameraInfo(
             kind="v4l2",
             name=self._device.card,
@@ -86,7 +85,7 @@ class V4l2Camera:
             frame_period_s=self._period_s,
             exposure_s=self._mode.exposure_s,
             queue_length=self._queue_length,
-            readout_s=None if readout_ms is None else readout_ms / 1e3,
+            readout_s=self._config.readout_s,
             start_uncertainty_s=self._config.start_uncertainty_s,
             controls=self._controls,
             **self._pixel_values,
@@ -185,11 +184,7 @@ def _record(device: V4l2Device, form: VideoFormat, config: V4l2CameraConfig) -> 
         "compressed": PIXEL_FORMATS[config.pixel_format].is_compressed,
         "quantization": form.quantization,
         "fixed_exposure": config.fixed_exposure,
-        "timestamp_marks": config.timestamp_marks or "frame_end",
-        "timestamp_offset_ms": config.timestamp_offset_ms,
-        "timestamp_uncertainty_ms": config.timestamp_uncertainty_ms,
-        "readout_ms": config.readout_ms,
-        "timing_measured_at": config.timing_measured_at,
+        **config.timing_record,
     }
     return record
 
