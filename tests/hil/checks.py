@@ -61,7 +61,11 @@ def run_checks(
     is booted again if the emulator failed. Without results, all checks fail.
     """
     variables = [f"{name}={value}" for name, value in (environment or {}).items()]
-    pytest_there = ["-m", "pytest", "-p", "no:cacheprovider", "--color=no", "--tb=short"]
+    # Plugins and the conftest.py of all tests would take the guest a minute to import.
+    pytest_there = [
+        *("-m", "pytest", "-p", "no:cacheprovider", "--disable-plugin-autoload"),
+        *(f"--confcutdir={file.parent}", "--color=no", "--tb=short"),
+    ]
     checks = str(file.relative_to(_ROOT))
     command = [
         "env", *variables, sys.executable, *pytest_there, "--junitxml=/mnt/results.xml", checks,
