@@ -10,13 +10,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.chapter.plan import Conditions, Experiment, PatchPosition, Texture
+from capture.chapter.plan import Conditions, PatchPosition, Texture
 from capture.chapter.runs import CachedPatch, System, render_patch
-from classify import Lighting, Match, TextureLibrary, Trial
+from classify import Lighting, TextureLibrary, Trial
 from classify.base.errors import InputError
 from rig import EQUAL_SPECTRUM_TWINS, SYNTHETIC_30
 from rig.scene.render import render_scene
 from rig.scene.surfaces import PeriodicSurface, SurfacePatch
+from tests.capture.chapter.test_chapter import cut, match_of
 from tests.evidence.textures.faults import Faults, led_distance_for
 from tests.evidence.textures.materials import material_textures
 from tests.evidence.textures.open_set import Outcome, answers_pct, without_class
@@ -56,11 +57,6 @@ def test_folders_without_materials_are_refused(tmp_path: Path) -> None:
         material_textures(tmp_path / "none")
     with pytest.raises(InputError, match="at least two"):
         material_textures(tmp_path)
-
-
-def _match(nearest: str, found_deg: float, sharpness: float = 0.9, known: bool = True) -> Match:
-    label = nearest if known else None
-    return Match(label, nearest, found_deg, 1.0, None, None, None, sharpness=sharpness)
 
 
 @pytest.mark.parametrize("rotate_deg", [0.0, 30.0, 45.0])
@@ -132,8 +128,8 @@ def test_unknown_is_accepted_up_to_the_limit_that_keeps_the_known() -> None:
 
 def test_answers_are_right_refused_or_wrong() -> None:
     ours = System("days", "none", "ps4_robust", "joint")
-    matches = [_match("sand", 0.0), _match("sand", 0.0, known=False), _match("rock", 0.0)]
-    outcomes = [Outcome(ours, Trial("sand", 0.0, m), _match("rock", 0.0)) for m in matches[:2]]
+    matches = [match_of("sand", 0.0), match_of("sand", 0.0, known=False), match_of("rock", 0.0)]
+    outcomes = [Outcome(ours, Trial("sand", 0.0, m), match_of("rock", 0.0)) for m in matches[:2]]
     outcomes += 2 * [Outcome(ours, Trial("sand", 0.0, matches[2]), matches[1])]
     assert answers_pct(outcomes) == (25.0, 25.0, 50.0, 50.0)
 
@@ -141,26 +137,15 @@ def test_answers_are_right_refused_or_wrong() -> None:
 def test_orientation_errors_are_modulo_180_and_of_textures_with_a_direction() -> None:
     ours = System("e", "x", "ps4", "joint")
     trials = [
-        Trial("sand", 179.0, _match("sand", 1.0)),
-        Trial("sand", 20.0, _match("sand", 21.0)),
-        Trial("sand", 20.0, _match("rock", 70.0)),
-        Trial("sand", 20.0, _match("sand", 60.0, sharpness=0.2)),
-        Trial("rock", 5.0, _match("rock", 5.0, known=False)),
+        Trial("sand", 179.0, match_of("sand", 1.0)),
+        Trial("sand", 20.0, match_of("sand", 21.0)),
+        Trial("sand", 20.0, match_of("rock", 70.0)),
+        Trial("sand", 20.0, match_of("sand", 60.0, sharpness=0.2)),
+        Trial("rock", 5.0, match_of("rock", 5.0, known=False)),
     ]
     plan = texture_plan(True, material_textures(None))
     results = TextureResults(plan, {ours: [Outcome(ours, trial, None) for trial in trials]})
     assert results.orientation_errors_deg(ours) == pytest.approx([2.0, 1.0, 0.0])
-
-
-def _cut(experiment: Experiment, names: tuple[str, ...], tests: int) -> Experiment:
-    """All test runs with few textures and few tests."""
-    runs = []
-    for run in experiment.tests:
-        textures = tuple(t for t in run.training.textures if t.name in names)
-        runs.append(replace(run, training=replace(run.training, textures=textures)))
-    orientations_deg = experiment.orientations_deg
-    kept_deg = orientations_deg[:: len(orientations_deg) // tests][:tests]
-    return replace(experiment, tests=tuple(runs), orientations_deg=kept_deg)
 
 
 def _small_plan() -> TexturePlan:
@@ -169,12 +154,12 @@ def _small_plan() -> TexturePlan:
     materials = ("Bark014", "Leather037", "Tiles036")
     return replace(
         plan,
-        thirty=_cut(plan.thirty, ("rock", "ogil_long", "marble", "Bark014"), 3),
-        synthetic=_cut(plan.synthetic, synthetic, 3),
-        materials=_cut(plan.materials, materials, 3),
-        robustness=_cut(plan.robustness, ("rock", "rock_smooth", "peel"), 3),
-        days=_cut(plan.days, materials, 3),
-        small_frames=_cut(plan.small_frames, materials, 3),
+        thirty=cut(plan.thirty, ("rock", "ogil_long", "marble", "Bark014"), 3),
+        synthetic=cut(plan.synthetic, synthetic, 3),
+        materials=cut(plan.materials, materials, 3),
+        robustness=cut(plan.robustness, ("rock", "rock_smooth", "peel"), 3),
+        days=cut(plan.days, materials, 3),
+        small_frames=cut(plan.small_frames, materials, 3),
     )
 
 

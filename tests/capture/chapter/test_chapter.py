@@ -119,7 +119,7 @@ def test_smaller_frames_are_the_middle_of_larger_ones() -> None:
 # counts
 
 
-def _match(nearest: str, found_deg: float, sharpness: float = 0.9, known: bool = True) -> Match:
+def match_of(nearest: str, found_deg: float, sharpness: float = 0.9, known: bool = True) -> Match:
     label = nearest if known else None
     return Match(label, nearest, found_deg, 1.0, None, None, None, sharpness=sharpness)
 
@@ -127,11 +127,11 @@ def _match(nearest: str, found_deg: float, sharpness: float = 0.9, known: bool =
 def test_accuracy_counts_the_nearest_class() -> None:
     ours = System("e", "x", "ps4", "joint")
     trials = [
-        Trial("sand", 179.0, _match("sand", 1.0)),
-        Trial("sand", 20.0, _match("sand", 21.0)),
-        Trial("sand", 20.0, _match("rock", 70.0)),
-        Trial("sand", 20.0, _match("sand", 60.0, sharpness=0.2)),
-        Trial("rock", 5.0, _match("rock", 5.0, known=False)),
+        Trial("sand", 179.0, match_of("sand", 1.0)),
+        Trial("sand", 20.0, match_of("sand", 21.0)),
+        Trial("sand", 20.0, match_of("rock", 70.0)),
+        Trial("sand", 20.0, match_of("sand", 60.0, sharpness=0.2)),
+        Trial("rock", 5.0, match_of("rock", 5.0, known=False)),
     ]
     results = Trials({ours: trials})
     assert results.accuracy_pct(*ours) == pytest.approx(80.0)
@@ -139,13 +139,10 @@ def test_accuracy_counts_the_nearest_class() -> None:
     assert results.accuracy_pct("e", "x", "ps3a", "joint") is None
 
 
-# the command
-
-
 # a small reproduction
 
 
-def _cut(experiment: Experiment, names: tuple[str, ...], tests: int) -> Experiment:
+def cut(experiment: Experiment, names: tuple[str, ...], tests: int) -> Experiment:
     """All test runs with few textures and few tests."""
     runs = []
     for run in experiment.tests:
@@ -160,8 +157,8 @@ def _small_plan() -> Plan:
     plan = plan_of(True)
     return replace(
         plan,
-        slants=_cut(plan.slants, SYNTHETIC_TEXTURES[:4], 4),
-        thirty=_cut(plan.thirty, ("rock", "ogil_long", "marble", "Bark014"), 3),
+        slants=cut(plan.slants, SYNTHETIC_TEXTURES[:4], 4),
+        thirty=cut(plan.thirty, ("rock", "ogil_long", "marble", "Bark014"), 3),
     )
 
 

@@ -262,7 +262,6 @@ def hurried(tmp_path: Path, captured: CapturedSet, monkeypatch: pytest.MonkeyPat
     """Make the deadlines short."""
     monkeypatch.setattr(server, "HEAD_S", SHORT_S)
     monkeypatch.setattr(server, "SEND_S", SHORT_S)
-    monkeypatch.setattr(server, "SEND_S", SHORT_S)
     monkeypatch.setattr(security, "BODY_S", SHORT_S)
     with running_panel(tmp_path / "line-1", captured) as running:
         yield running
