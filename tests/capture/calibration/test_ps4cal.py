@@ -13,28 +13,16 @@ from hypothesis import strategies as st
 
 from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile, PartRecord, flattened, rebuilt
-from capture.calibration.setting import PART_NAMES, Setting
+from capture.calibration.setting import PART_NAMES
 from classify import InputError, Lighting, SensorNoise
 from classify.calibration.calibration import CalibratedLights, Calibration, Response, Scale
 from classify.calibration.dark import Dark
 from classify.calibration.photon_transfer import Noise
 from classify.lights.flat_field import FlatField
 from tests.archives import members, npy, write_members
+from tests.capture.calibration.test_lookup import SETTING
 
 RING = Lighting.ring(45.0)
-SETTING = Setting(
-    simulated=False,
-    rig_name="left",
-    camera="v4l2 Camera",
-    width_px=640,
-    height_px=480,
-    bit_depth=12,
-    exposure_ms=8.0,
-    gain=4.0,
-    pixel_value_controls={"brightness": 128.0},
-    light_directions=tuple(map(tuple, RING.directions.tolist())),
-    led_levels_percent=(100, 100, 100, 100),
-)
 RECORD = PartRecord(setting=SETTING, quality="gut: 0,3 %", figures={"x": 1.0}, source=("captured",))
 COEFFICIENTS = np.random.default_rng(1).normal(0.0, 0.1, (4, 5, 5))
 EXAMPLE = Calibration(

@@ -10,7 +10,7 @@ import pytest
 
 from capture.calibration.ps4cal import CalibrationFile, MeasuredPart, PartRecord
 from capture.calibration.replacement import reason_to_keep
-from capture.calibration.setting import PART_NAMES, PartName, Setting
+from capture.calibration.setting import PART_NAMES, PartName
 from capture.commands.calibrate_flow import calibration_at, keep_parts
 from classify import Lighting
 from classify.base.errors import CalibrationRejected
@@ -19,13 +19,8 @@ from classify.calibration.dark import Dark
 from classify.calibration.photon_transfer import Noise
 from classify.images import SensorNoise
 from classify.lights.flat_field import FlatField
+from tests.capture.calibration.test_lookup import SETTING
 
-SETTING = Setting(
-    simulated=False, rig_name="left", camera="v4l2 Camera", width_px=64, height_px=48, bit_depth=12,
-    exposure_ms=8.0, gain=4.0,
-    light_directions=tuple(map(tuple, Lighting.ring(45.0).directions.tolist())),
-    led_levels_percent=(100,) * 4,
-)  # fmt: skip
 # Another setting on which each part depends.
 CHANGES: dict[PartName, dict[str, Any]] = {
     "dark": {"gain": 9.0},
