@@ -10,11 +10,9 @@ import numpy.typing as npt
 from classify.base.arrays import Indices
 from classify.surface.estimate import FloatMap
 
-# Number of centres for each compared feature, and largest number. Half of the centres are drawn at
-# random, so that common windows have many centres; the other half by farthest-point sampling
-# (Gonzalez 1985), so that each rare window has one.
-# With 150 instead of 400 windows of 4 features twice as many holes of 80 px passed.
-_CENTRES_PER_FEATURE, _MAX_CENTRES = 100, 1000
+# Largest number of centres. Half of them are drawn at random, so that common windows have many
+# centres; the other half by farthest-point sampling (Gonzalez 1985), so that rare windows have one.
+_MAX_CENTRES = 1000
 # Number of pairs of look-alikes whose differences give the whitening, and of rounds of pairing and
 # whitening.
 _PAIRS, _ROUNDS = 1500, 2
@@ -40,7 +38,7 @@ class LookAlikes:
     def of(cls, windows: Sequence[FloatMap], columns: Sequence[int]) -> tuple[Self, list[FloatMap]]:
         """Learn from the (n, FEATURES) windows of good parts.
 
-        Returns the model, and the scores of each part by the others.
+        Returns the model, and the leave-one-out scores of each part.
         """
         features = np.concatenate(windows)
         compared = features[:, columns]
@@ -51,8 +49,8 @@ class LookAlikes:
         pairs = _Pairs.of(compared @ whitening, parts, centres)
         scores: list[FloatMap] = [np.zeros(0, np.float32)] * len(windows)
         for half in (0, 1):
-            # Cross-validation: parts are scored by a whitening from the other half, which needs two
-            # parts.
+            # Cross-validation: each half of the parts is scored by a whitening from the other half,
+            # which must have two parts or more.
             others = order[parts[order] % 2 != half] if len(windows) > 3 else order
             left_out_whitening = _whitening(compared, parts, others)
             left_out = _Pairs.of(compared @ left_out_whitening, parts, centres)
@@ -63,7 +61,7 @@ class LookAlikes:
         return cls(rows, (compared @ whitening)[centres], pairs.spreads()), scores
 
     def scores(self, features: FloatMap) -> FloatMap:
-        """(n,) squared distances of (n, FEATURES) windows, in units of the spread there."""
+        """(n,) squared distances of (n, FEATURES) windows, divided by the spread of the centre."""
         nearest, squares = _nearest(features @ self.whitening, self.centres)
         return np.asarray(squares / self.spreads[nearest], np.float32)
 
@@ -125,14 +123,13 @@ def _whitening(features: FloatMap, parts: Indices, order: Indices) -> FloatMap:
 
 def _centres(whitened: FloatMap, order: Indices) -> Indices:
     """Indices of the windows that become centres; see `_MAX_CENTRES`."""
-    count = min(_CENTRES_PER_FEATURE * whitened.shape[1], _MAX_CENTRES)
-    if len(whitened) <= count:
+    if len(whitened) <= _MAX_CENTRES:
         return order
-    centres = order[: count // 2].tolist()
+    centres = order[: _MAX_CENTRES // 2].tolist()
     squares = np.square(whitened).sum(axis=1)
     blocks = (whitened[start : start + 4096] for start in range(0, len(whitened), 4096))
     distances = np.concatenate([_nearest(block, whitened[centres])[1] for block in blocks])
-    while len(centres) < count:
+    while len(centres) < _MAX_CENTRES:
         farthest = int(distances.argmax())
         centres.append(farthest)
         products = whitened @ whitened[farthest]
