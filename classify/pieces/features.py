@@ -14,18 +14,18 @@ from classify.texture.fields import texture_fields
 CELL_PX = 8
 """Pixels on a side of a cell."""
 OCTAVES = 4
-"""Octaves below the finest one, of which only the energies are measured."""
+"""Octaves below the finest one; of the finest, only the energies are measured."""
 PRODUCTS = 8
 """Products of the fields in an octave."""
 MOMENTS = 2 + PRODUCTS * OCTAVES + 3
 """Columns of `band_moments`."""
 _MIN_SIDE_PX = 128
 
-# Box at half resolution that smooths the log albedo before its means in cells, so that the value of
+# Box at half resolution that smooths the log albedo before its means in cells, so that the level of
 # a joint does not depend on how the cells divide it: without it 4 of 20 good tiles had a spot
 # beyond its limit, with it none. Wider boxes, or boxes on p and q, found no more defects on the
 # even materials of `python -m tests.evidence.wrong_passes`.
-_OVERLAP = (5, 5)
+_ALBEDO_BOX = (5, 5)
 _TINY = np.float32(1e-12)
 _MIN_ALBEDO = np.float32(1e-2)
 
@@ -34,7 +34,7 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
     """(h, w, MOMENTS) float32 means over cells of products of the fields."""
     # Columns: the energies of slopes and of log albedo a in the finest octave. For each octave,
     # with g = p + i q: |g|^2, real and imaginary parts of g^2 and of g^4 / |g|^2, a^2, p a and q a.
-    # The means of p and q, and that of the smoothed a. A pixel of the coarsest octave covers 2 x 2
+    # Last, the means of p, q and the smoothed a. A pixel of the coarsest octave covers 2 x 2
     # cells, so the number of cells is even; rows and columns beyond it are left out.
     if min(surface.shape) < _MIN_SIDE_PX:
         raise InputError(
@@ -60,7 +60,7 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
         run_on_rows(partial(_sum_products, *levels, *smooth, products), (rows, levels[0].size))
         cells[...] = products if rows == h else products.repeat(2, axis=0).repeat(2, axis=1)
         levels = coarser
-    for index, plane in enumerate([*planes[:2], cv2.blur(planes[2], _OVERLAP)]):
+    for index, plane in enumerate([*planes[:2], cv2.blur(planes[2], _ALBEDO_BOX)]):
         moments[..., index - 3] = cv2.resize(plane, (w, h), interpolation=cv2.INTER_AREA)
     return moments
 
@@ -69,7 +69,7 @@ def band_moments(surface: SurfaceEstimate) -> FloatMap:
 def _halve(
     p: Array, q: Array, albedo: Array, planes: Array, moments: Array, first: int, stop: int
 ) -> None:
-    """Write the means of 2 x 2 pixels to `planes`, and to `moments` the energies of the rest."""
+    """Write means of 2 x 2 pixels to `planes`, and energies of the residual to `moments`."""
     cell = CELL_PX // 2
     columns = planes.shape[2]
     quarter, zero = np.float32(0.25), np.float32(0.0)
@@ -108,7 +108,7 @@ def _sum_products(
     moments: Array, first: int, stop: int,
 ) -> None:  # fmt: skip
     """Write the products of one octave for rows of cells."""
-    # An octave is the difference of two levels of the pyramid.
+    # An octave is the difference of two levels of the Laplacian pyramid (Burt and Adelson 1983).
     columns = p.shape[1]
     cell = columns // moments.shape[1]
     zero, two = np.float32(0.0), np.float32(2.0)
@@ -175,7 +175,7 @@ def coarser(moments: FloatMap) -> FloatMap:
 def window_moments(moments: FloatMap, cells: int) -> FloatMap:
     """(h, w, MOMENTS) means over windows of `cells` x `cells`, which overlap by half.
 
-    A margin at the right and lower side may be left out.
+    Cells at the right and lower border that fill no window are left out.
     """
     means = cv2.blur(moments, (cells, cells), anchor=(0, 0), borderType=cv2.BORDER_REPLICATE)
     rows, columns = (side - cells + 1 for side in moments.shape[:2])

@@ -1,4 +1,4 @@
-"""Learn a `PieceModel` from good parts, each scored by the windows of the others."""
+"""Learn a `PieceModel` from good parts; limits follow from scores by cross-validation."""
 
 import math
 from collections.abc import Sequence
@@ -32,19 +32,19 @@ _MIN_PARTS = 3
 SCALE_STEP = 0.05
 """Change of scale from which the direction of a change of scale is learned."""
 
-# Coverage of the tolerance limits, by the kind of a view, and for an octave. A misplaced piece is
-# far beyond its limit; `python -m tests.evidence.wrong_passes` counts rejected good parts. With
+# Coverage of the tolerance limits of windows, spots and seams, and of an octave. A misplaced piece
+# is far beyond its limit; `python -m tests.evidence.wrong_passes` counts rejected good parts. With
 # 0.999 for spots 0 instead of 4 of 40 good parts of bark are rejected, whose highest scores have
-# the long tail of a maximum (Gumbel 1958). But 5 of 24 holes of 40 px in tiles, which spots alone
-# show, then fall below their limit, and so do dents in bricks.
+# the long tail of a maximum (Gumbel 1958). But 5 of 24 holes of 40 px in tiles, which only spots
+# detect, then pass, and so do dents in bricks.
 _COVERAGES = {"window": 0.999, "spot": 0.99, "seam": 0.9999}
 _OCTAVE_COVERAGE = 0.999
-# A texture has a direction if at 90 degrees this share of its good parts has a window farther from
-# the good ones than any left-out window at 0 degrees.
+# A texture has a direction if this share of its good parts, rotated by 90 degrees, has a window
+# farther from the good ones than any window of a left-out part.
 _MIN_DIRECTEDNESS = 0.9
 # Prior of the standard deviation of the logarithm of the highest scores of good parts, and the
-# number of parts that it counts as. The deviation is 0.05 to 0.25 on the textures of
-# `tests.evidence.wrong_passes`.
+# number of parts that it counts as. The standard deviation is 0.05 to 0.25 on the textures of
+# `python -m tests.evidence.wrong_passes`.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.12, 4
 # Largest number of training spots, and number of folds of the cross-validation.
 _MAX_SPOTS, _FOLDS = 25_000, 5
@@ -91,9 +91,12 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
         views[name] = replace(look_alikes, spreads=look_alikes.spreads * np.float32(limit**2))
     factor = tolerance_factor(len(parts), _OCTAVE_COVERAGE)
     levels = np.array([octave_levels(coarse) for coarse in coarses])
-    scale, scales = scale_measure(np.array([part.rings for part in parts]), scale_direction)
-    handedness, hands = handedness_measure(np.array([pseudo_scalars(coarse) for coarse in coarses]))
-    lower_limit = hands.mean() - tolerance_factor(len(parts)) * hands.std(ddof=1)
+    scale, left_out_scales = scale_measure(
+        np.array([part.rings for part in parts]), scale_direction
+    )
+    pseudo_scalars_of_parts = np.array([pseudo_scalars(coarse) for coarse in coarses])
+    handedness, left_out = handedness_measure(pseudo_scalars_of_parts)
+    lower_limit = left_out.mean() - tolerance_factor(len(parts)) * left_out.std(ddof=1)
     return PieceModel(
         floors,
         views,
@@ -103,7 +106,7 @@ def learn_pieces(parts: Sequence[GoodPart], scale_direction: Floats) -> PieceMod
         scale,
         handedness if lower_limit > 0.0 else None,
         bool(has_direction.mean() >= _MIN_DIRECTEDNESS),
-        float(scales.std(ddof=1)),
+        float(left_out_scales.std(ddof=1)),
     )
 
 
@@ -122,13 +125,13 @@ def _spot_model(parts: Sequence[GoodPart], floors: FloatMap) -> SpotModel:
 
 
 def _limit(highest: npt.NDArray[Any], kind: str) -> float:
-    """Limit of scores from the highest ones of good parts that were left out."""
+    """Tolerance limit of a score from the highest ones of left-out good parts."""
     logs = np.log(np.maximum(highest.astype(np.float64), 1e-9))
     return math.exp(logs.mean() + tolerance_factor(len(logs), _COVERAGES[kind]) * _spread(logs))
 
 
 def _spread(logarithms: Floats) -> float:
-    """Standard deviation of values, with its prior."""
+    """Standard deviation, pooled with its prior."""
     freedom = len(logarithms) - 1
     squares = _PRIOR_FREEDOM * _PRIOR_SPREAD**2 + freedom * logarithms.var(ddof=1)
     return math.sqrt(squares / (_PRIOR_FREEDOM + freedom))

@@ -44,7 +44,7 @@ _MIN_VARIANCE = 1e-10
 
 @dataclass(frozen=True, eq=False)
 class _LinearMeasure:
-    """How far features lie along a direction: (features - origin) @ weights.
+    """Position of features along a direction: (features - origin) @ weights.
 
     It is 0 at the origin and 1 at origin + direction.
     """
@@ -78,7 +78,7 @@ class _LinearMeasure:
 def scale_measure(good: Floats, direction: Floats) -> tuple[_LinearMeasure, Floats]:
     """Measure of the logarithm of the scale, along its `direction`.
 
-    Returns the measure, and that of each good part by the others.
+    Returns the measure, and the leave-one-out value of each good part.
     """
     left_out = [
         _LinearMeasure.of(np.delete(good, n, axis=0), direction).of_part(part)
@@ -88,7 +88,7 @@ def scale_measure(good: Floats, direction: Floats) -> tuple[_LinearMeasure, Floa
 
 
 def handedness_measure(good: Floats) -> tuple[_LinearMeasure, Floats]:
-    """Measure of handedness, 1 for good parts and -1 for mirrored ones, as `scale_measure`."""
+    """Measure of handedness, 1 for good parts and -1 for mirrored ones, like `scale_measure`."""
 
     def measure(parts: Floats) -> _LinearMeasure:
         return _LinearMeasure.of(parts, parts.mean(axis=0), np.zeros(parts.shape[1]))
@@ -146,7 +146,7 @@ _KIND = ArchiveKind(
     if_missing="make one with ps4rig station teach",
     remedy="teach it again",
     error=PieceModelError,
-    # Two views of 1,000 windows of 28 float32, and two of 16, take 0.4 MB.
+    # Centres: two views of 1,000 windows with 28 float32 each, and two with 16, take 0.4 MB.
     max_bytes=2**22,
     max_header_bytes=2**16,
 )
@@ -158,21 +158,24 @@ VIEWS: tuple[tuple[str, int, tuple[int, ...]], ...] = (
     ("seam_64", 4, DIRECTIONS),
     ("seam_128", 8, DIRECTIONS),
 )
-"""Name, side in pairs of cells, and compared features of every view of a part.
+"""Name, side in blocks of 2 x 2 cells, and compared features of every view of a part.
 
 `python -m tests.evidence.wrong_passes` counts the faults that they find. The features of a window
-scatter too much for small faults, which change few of them: spots find these.
+scatter too much to show small faults; spots show these.
 """
 SIZES = tuple(dict.fromkeys(size for _, size, _ in VIEWS))
 
 
 @dataclass(frozen=True, eq=False)
 class PieceMeasures:
-    """How far a part is from good parts, in pieces and as a whole; 1.0 is a limit."""
+    """How far a part is from good parts, in pieces and as a whole.
+
+    Scores are in units of their limits.
+    """
 
     window_map: FloatMap  # (h, w) scores of the cells, by spots and windows
     seam_map: FloatMap  # (h, w) scores by the directions of the windows around a cell
-    octaves: float  # largest departure of the power in an octave of relief or albedo
+    octaves: float  # score of the power in an octave of relief or albedo, the largest
     scale: float  # size of the texture, 1 as taught
     handedness: float | None  # 1 as taught, -1 mirrored; None if mirror images look alike
 
@@ -198,8 +201,8 @@ class PieceModel:
     octave_limits: Floats  # largest departures from `octave_means`
     scale: _LinearMeasure  # of the logarithm of the scale
     handedness: _LinearMeasure | None  # None if mirror images look alike
-    has_direction: bool  # whether windows at 90 degrees look unlike all good ones
-    scale_deviation: float  # standard deviation of the log scale of good parts that are left out
+    has_direction: bool  # whether windows rotated by 90 degrees look unlike all good ones
+    scale_deviation: float  # standard deviation of the leave-one-out log scales of good parts
 
     def measure(
         self, moments: FloatMap, orientation_deg: float | None, rings: Floats
@@ -207,9 +210,9 @@ class PieceModel:
         """Measure a part by its `band_moments` and the `ring_means` of its library."""
         orientation_deg = orientation_deg or 0.0
         spots = self.spots.cell_scores(spot_values(moments, self.floors, orientation_deg))
-        pairs = coarser(moments)
-        maps = {kind: np.zeros(pairs.shape[:2], np.float32) for kind in ("window", "seam")}
-        windows = {size: window_moments(pairs, size) for size in SIZES}
+        coarse = coarser(moments)
+        maps = {kind: np.zeros(coarse.shape[:2], np.float32) for kind in ("window", "seam")}
+        windows = {size: window_moments(coarse, size) for size in SIZES}
         features = {
             size: window_features(windows[size], self.floors, orientation_deg) for size in SIZES
         }
@@ -221,14 +224,14 @@ class PieceModel:
         window_map, seam_map = (
             scores.repeat(2, axis=0).repeat(2, axis=1) for scores in maps.values()
         )
-        departures = np.abs(octave_levels(pairs) - self.octave_means) / self.octave_limits
-        hand = self.handedness
+        departures = np.abs(octave_levels(coarse) - self.octave_means) / self.octave_limits
+        handedness = self.handedness
         return PieceMeasures(
             np.maximum(window_map, spots),
             seam_map,
             float(departures.max()),
             float(np.exp(self.scale.of_part(rings))),
-            None if hand is None else hand.of_part(pseudo_scalars(pairs)),
+            None if handedness is None else handedness.of_part(pseudo_scalars(coarse)),
         )
 
     @cached_property
@@ -248,7 +251,7 @@ class PieceModel:
             name: LookAlikes(*(arrays[f"{name}_{part}"] for part in _LOOK_ALIKE_ARRAYS))
             for name, _, _ in VIEWS
         }
-        hand = arrays["handedness_weights"]
+        handedness = arrays["handedness_weights"]
         return cls(
             arrays["floors"],
             views,
@@ -256,7 +259,7 @@ class PieceModel:
             arrays["octave_means"],
             arrays["octave_limits"],
             _LinearMeasure(arrays["scale_origin"], arrays["scale_weights"]),
-            _LinearMeasure(np.zeros(len(hand)), hand) if len(hand) else None,
+            _LinearMeasure(np.zeros(len(handedness)), handedness) if len(handedness) else None,
             bool(arrays["has_direction"][0]),
             float(arrays["scale_deviation"][0]),
         )
@@ -308,7 +311,7 @@ def _shapes() -> dict[str, tuple[int | None, ...]]:
 
 
 def _raise_cells(cells: FloatMap, scores: FloatMap, size: int) -> None:
-    """Raise each cell to the largest score of the windows around it."""
+    """Raise each cell to the largest score of the windows that contain it."""
     half = max(size // 2, 1)
     blocks = np.kron(scores, np.ones((half, half), np.float32))
     rows, columns = blocks.shape

@@ -1,7 +1,8 @@
 """Departure of spots from a prediction by their surroundings.
 
-A linear regression predicts a spot from rings around it, and a second one predicts the size of the
-error, because beside a joint a spot is hard to predict. Both are learned from good parts.
+A spot is a cell with its neighbours. A linear regression predicts its energies, level and slopes
+from rings around it, and a second one predicts the size of the error, because beside a joint a spot
+is hard to predict. Both are learned from good parts.
 """
 
 from collections.abc import Sequence
@@ -22,23 +23,24 @@ from .features import OCTAVES, PRODUCTS, energy_columns
 DEPARTURES = ("missing", "stain", "dent")
 """Low energies; another log albedo; slopes towards the middle of a spot, or away from it."""
 _MARGIN = 3
-"""Cells at the border of a part without a spot."""
+"""Width of the border of a part without spots, in cells."""
 
 _FINE_OCTAVES = OCTAVES - 1  # pixels of the coarsest octave are larger than a cell
-# Columns of the energies: finest octave and others, of slopes, then of log albedo.
+# Columns of the energies of slopes, then of log albedo; without the coarsest octave.
 _ENERGY_COLUMNS = [c for n, c in enumerate(energy_columns()) if n % (OCTAVES + 1) < OCTAVES]
 # Measured rings as (radius in cells, template): levels of log albedo in a stain of 60 px, and
 # outward slopes in a dent of 40 px.
 _LEVELS, _SLOPES = ((0.0, 1.0), (1.0, 0.92), (2.0, 0.63)), ((1.0, 1.0), (2.0, 0.6))
-# Radii in cells of the rings of the surroundings, number of points on a ring, and share of the
-# level of a stain on the first ring. A hole of 40 px does not reach it. On the even materials of
-# `python -m tests.evidence.wrong_passes`, three rings found no more defects.
+# Radii in cells of the rings of the surroundings, number of points on a ring, and level of a stain
+# of 60 px on the first ring, as a share of that in its middle. A hole of 40 px does not reach the
+# ring. On the even materials of `python -m tests.evidence.wrong_passes`, three rings found no more
+# defects.
 _RINGS, _POINTS, _STAIN_ON_RING = (3.5, 5.5), 8, 0.16
 _MEASURED_COUNT = len(_ENERGY_COLUMNS) + len(_LEVELS) + len(_SLOPES)
 _PLANE_COUNT = len(_ENERGY_COLUMNS) + 3
 _AROUND_COUNT = len(_RINGS) * _POINTS * _PLANE_COUNT + _POINTS // 2 * _FINE_OCTAVES
 SPOT_VALUES = _MEASURED_COUNT + _AROUND_COUNT
-"""Number of values of a spot: first the values in it, then the values of its surroundings."""
+"""Number of values of a spot: those measured in it, then those of its surroundings."""
 
 # Columns of the energies of slopes, and of their second harmonics, even and odd.
 _DIRECTED_COLUMNS = [2 + PRODUCTS * octave + n for n in range(3) for octave in range(_FINE_OCTAVES)]
@@ -47,8 +49,9 @@ _BOX = np.full((3, 3), 1 / 9, np.float32)
 _GAUSSIAN = np.outer(*[np.asarray(cv2.getGaussianKernel(5, 0.6), np.float32)] * 2)
 _PADDING = 4  # cells; more than the largest radius beyond the margin
 _MIN_ENERGY = np.float32(1e-6)
-_RIDGE = 0.01  # ridge of the regression, as a share of the variances; more for few spots
-# Floor of squares before logarithms, as a share of their mean, and largest log size of an error.
+_RIDGE = 0.01  # ridge on covariances, as a share of the variances; larger for few spots
+# Floor of the squared errors before logarithms, as a share of their mean; largest log size of an
+# error.
 _FLOOR_SHARE, _MAX_LOG_SIZE = 0.05, 1.5
 
 
@@ -79,14 +82,14 @@ def spot_values(moments: FloatMap, floors: FloatMap, orientation_deg: float) -> 
             _shift(padded, radius, angle, values[row : row + len(padded)])
             row += len(padded)
     directed = _filtered(_planes(moments, _DIRECTED_COLUMNS), _DISC)
-    values[row:] = _joints(directed, floors, directions)
+    values[row:] = _joint_energies(directed, floors, directions)
     return values
 
 
-def _joints(planes: FloatMap, floors: FloatMap, directions: Floats) -> FloatMap:
-    """Log energy of slopes across a line through the spot: the lesser of its two ends.
+def _joint_energies(planes: FloatMap, floors: FloatMap, directions: Floats) -> FloatMap:
+    """Log energies of slopes across a line through the spot, for each direction of the line.
 
-    The ends are on the first ring. A joint has energy at both.
+    The lesser energy of two opposite points on the first ring: a joint through the spot has both.
     """
     energies, even, odd = np.split(planes, 3)
     shape = [side - 2 * _MARGIN for side in planes.shape[1:]]
@@ -154,7 +157,7 @@ def _interpolate(
 @lru_cache(maxsize=8)
 def _ring(radius: float) -> tuple[FloatMap, FloatMap, FloatMap]:
     """Kernels of a ring: the mean, and those of x and y for the mean outward component."""
-    # The ring is a Gaussian of 0.45 px across.
+    # Its profile is a Gaussian with a standard deviation of 0.45 cells.
     y, x = np.mgrid[4:-5:-1, -4:5].astype(np.float32)
     distance = np.hypot(x, y)
     weight = np.exp(-0.5 * ((distance - radius) / 0.45) ** 2)
@@ -165,9 +168,10 @@ def _ring(radius: float) -> tuple[FloatMap, FloatMap, FloatMap]:
 
 @dataclass(frozen=True, eq=False)
 class SpotModel:
-    """Linear map from the values of a spot to its k departures from the surroundings.
+    """Linear map from the values of a spot to its k departures from the prediction.
 
-    The departures are in units of their limits; k further results are the log sizes of the errors.
+    The departures are in units of their limits; k further results are the predicted log sizes of
+    the errors.
     """
 
     weights: FloatMap  # (SPOT_VALUES, 2 k)
@@ -183,7 +187,7 @@ class SpotModel:
         covariance = around.T @ around / len(around)
         covariance += max(_RIDGE, len(covariance) / len(around)) * np.eye(len(covariance))
         expected = np.linalg.solve(covariance, around.T @ measured / len(around))
-        # A stain reaches the levels of the first ring, which then predict a part of it.
+        # A stain also changes the levels on the first ring, so a part of it is predicted.
         first_ring = (expected / unit[:, None])[: _POINTS * _PLANE_COUNT : _PLANE_COUNT]
         errors = measured - around @ expected
         to_departures = _to_departures(errors, _STAIN_ON_RING * first_ring.sum(axis=0))
@@ -204,7 +208,7 @@ class SpotModel:
         """(k, ...) scores of (SPOT_VALUES, ...) values."""
         linear = self.weights.T @ values.reshape(SPOT_VALUES, -1) + self.offsets[:, None]
         departures, sizes = np.split(linear, 2)
-        departures[0] = np.maximum(departures[0], 0.0)
+        departures[0] = np.maximum(departures[0], 0.0)  # texture that is missing, not stronger
         scores = np.abs(departures) * np.exp(-_bounded(sizes))
         return np.asarray(scores.reshape(-1, *values.shape[1:]), np.float32)
 
@@ -226,7 +230,7 @@ def _bounded(logs: Array) -> Array:
 def _to_departures(errors: Floats, expected_level: Floats) -> Floats:
     """(values, departures) matched filters (North 1943) of the errors of good spots."""
     covariance = errors.T @ errors / len(errors)
-    covariance += np.diag(0.01 * np.diag(covariance) + 1e-9)  # a ridge
+    covariance += np.diag(_RIDGE * np.diag(covariance) + 1e-9)
     count, last = len(_ENERGY_COLUMNS), _MEASURED_COUNT - len(_SLOPES)
     stain, dent = -expected_level, np.zeros(_MEASURED_COUNT)
     stain[count:last] += [value for _, value in _LEVELS]
@@ -246,7 +250,7 @@ def subsampled(values: FloatMap, count: int) -> FloatMap:
 
 
 def left_out_models(values: Sequence[FloatMap], folds: int) -> list[SpotModel]:
-    """For each fold the model of the others; part n is in fold n % folds."""
+    """For each fold the model of the other folds; part n is in fold n % folds."""
     return [
         SpotModel.of(np.hstack([part for n, part in enumerate(values) if n % folds != fold]))
         for fold in range(folds)
