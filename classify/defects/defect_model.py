@@ -124,7 +124,7 @@ class DefectModel:
         return self.map_of_fields(part_fields(surface), orientation_deg)
 
     def map_of_fields(self, fields: PartFields, orientation_deg: float | None) -> DefectMap:
-        """As `map_of`, for a part whose fields are known."""
+        """Score the cells of a part whose fields are computed; see `map_of`."""
         evidence = self.evidence.of(self.departures.of(fields, orientation_deg or 0.0))
         evidence[:, ~fields.valid] = np.nan
         channels = channels_of(evidence) / self.limits[:, None, None]

@@ -1,7 +1,7 @@
 """`DepartureModel`: how far a cell is from good parts, by seven measures, the departures.
 
-They are responses of matched filters, and distances of local statistics of slopes and log albedo,
-by octaves and by windows around the cell.
+They are four responses of matched filters, two distances of local statistics of slopes and log
+albedo (by octaves, and by windows around the cell), and missing texture.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -25,7 +25,7 @@ from .whitening import HalfSpectrum, white_spectra
 _OCTAVES = 4
 """Octaves of the local statistics."""
 _OCTAVE_STATISTICS = 2 * _OCTAVES
-"""Statistics of a cell: of relief and of albedo."""
+"""Number of octave statistics of a cell: for relief, then for albedo."""
 assert 2**_OCTAVES == COARSEST
 
 # Cells over which local statistics are averaged: standard deviation of the Gaussian.
@@ -35,7 +35,7 @@ _ENERGY_FLOOR = np.float32(1e-3)
 
 
 def _octave_statistics(white: tuple[HalfSpectrum, HalfSpectrum], weight: FloatMap) -> FloatMap:
-    """(h, w, OCTAVE_STATISTICS) log energies of the gradient of white fields in each octave."""
+    """(h, w, _OCTAVE_STATISTICS) log energies of the gradient of white fields in each octave."""
     rows, columns = (side // HALF_CELL for side in weight.shape)
     weights = gaussian_mean(resized(weight * weight, rows, columns), _STATISTICS_CELLS)
     weights += np.float32(1e-3)
@@ -93,7 +93,7 @@ _WINDOWS = (1, 3)
 _WINDOW_STATISTICS = 5 * len(_WINDOWS)
 """Number of window statistics of a cell."""
 DEVIATIONS = [0, 3]
-"""Window statistics that are low where texture is missing: log deviations, smallest window."""
+"""Statistics that are low where texture is missing: log standard deviations, smallest window."""
 
 # Cells over which squared distances are averaged: standard deviation of the Gaussian.
 _SMOOTHING_CELLS = 1.0
@@ -103,7 +103,7 @@ _MIN_SHARE = np.float32(1e-3)
 
 
 def window_statistics(moments: FloatMap, orientation_deg: float) -> FloatMap:
-    """(h, w, WINDOW_STATISTICS) statistics of the windows around every cell.
+    """(h, w, _WINDOW_STATISTICS) statistics of the windows around every cell.
 
     Five for each window: the log standard deviation of slopes, their anisotropy (cosine and sine of
     twice the direction), the log standard deviation and the mean of the log albedo.
@@ -135,7 +135,7 @@ def smoothed(squares: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
 
 
 def _mean_around(values: FloatMap, valid: npt.NDArray[np.bool_]) -> FloatMap:
-    """Mean of the valid cells among a cell and its eight neighbours."""
+    """Mean over 3 x 3 cells, of the valid ones."""
     share = valid.astype(np.float32)
     sums: Array = cv2.blur(values * share, (3, 3), borderType=cv2.BORDER_CONSTANT)
     around: Array = cv2.blur(share, (3, 3), borderType=cv2.BORDER_CONSTANT)
@@ -161,7 +161,7 @@ MomentSums = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class GoodCells:
-    """Statistics of good cells, whose centres are kinds of cells, such as bricks and joints."""
+    """Good cells in whitened statistics; centres stand for kinds of cells, such as joints."""
 
     mean: FloatMap  # (d,)
     whitening: FloatMap  # (d, d) matrix
@@ -213,12 +213,12 @@ def moment_sums(samples: FloatMap) -> MomentSums:
 
 
 def unlike_halves(sums: Sequence[MomentSums]) -> tuple[list[int], list[int]]:
-    """Split two or more parts at the median of their first principal component."""
-    # Parts of one batch are too similar for leave-one-out.
+    """Split two or more parts at the median of the first principal component of their means."""
+    # Leave-one-out would be too optimistic: parts of one batch are similar.
     total = np.sum(sums, axis=0)
     total = total / total[0, 0]
-    deviations = np.sqrt(np.maximum(np.diag(total)[1:] - total[0, 1:] ** 2, 1e-12))
-    means = np.array([part[0, 1:] / part[0, 0] for part in sums]) / deviations
+    standard_deviations = np.sqrt(np.maximum(np.diag(total)[1:] - total[0, 1:] ** 2, 1e-12))
+    means = np.array([part[0, 1:] / part[0, 0] for part in sums]) / standard_deviations
     _, _, components = np.linalg.svd(means - means.mean(axis=0), full_matrices=False)
     lower, upper = np.array_split(np.argsort(means @ components[0], kind="stable"), 2)
     return lower.tolist(), upper.tolist()
@@ -298,7 +298,7 @@ class DepartureModel:
     gains: FloatMap  # (3, n // 2 + 1, n + 1), as of `Spectrum.gains`, in the frame of the texture
     scales: FloatMap  # (sum(SIZES),), root mean squares of the tile maxima of good parts
     cells: tuple[GoodCells, ...]  # for each of STATISTICS
-    missing_texture: EvidenceModel  # of the negated log deviations of slopes and albedo
+    missing_texture: EvidenceModel  # of the negated log standard deviations of slopes and albedo
 
     def of(self, fields: PartFields, orientation_deg: float) -> FloatMap:
         """(DEPARTURES, h, w) float32 departures."""

@@ -1,4 +1,4 @@
-"""Detectability of defects: known defects of rising strength are put into good parts."""
+"""Detectability of defects: the strength at which defects put into good parts are found."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
@@ -21,10 +21,10 @@ MARGIN_PX: Final = 40
 _SCRATCH_PX: Final = 40.0
 """Length of a scratch."""
 
-# Fewest and most places in which a defect is tried. It is tried in more until the ratio of the ends
-# of the 1-sigma interval of its strength is below `_PRECISE`; an even texture needs few.
+# A defect is tried on further parts until it has been tried in the largest number of places, or in
+# the least and the ratio of the ends of the 1-sigma interval of its strength is below `_PRECISE`.
 _MIN_PLACES, _MAX_PLACES, _PRECISE = 48, 256, 1.15
-# Side of the middle of a large part, which alone is used: enough for 16 places.
+# Side of the square in the middle of a part to which it is cropped: room for 16 places.
 _SIDE_PX = 512
 # Grid spacing of the defects on one part, at which no defect changes the score of another, and the
 # range of their random offsets from the grid.
@@ -88,7 +88,7 @@ def detectability(
     limit: float = 1.0,
     defects: Sequence[KnownDefect] = DEFECTS,
 ) -> tuple[Detectability, ...]:
-    """Strengths at which 9 of 10 defects in 48 to 256 places of good parts are found, by bisection.
+    """Strengths at which 9 of 10 defects in places of good parts are found, by bisection.
 
     For a single matched filter the strength is limit / d', with d'^2 = sum |d(k)|^2 / S(k) for a
     defect of spectrum d on a texture of power S (North 1943).
@@ -258,8 +258,8 @@ class Stamp(NamedTuple):
         along, across = c * right + s * up, c * up - s * right
         if defect.kind == "stain":
             weight = blot(defect.size_px, along, across).value
-            nothing = np.zeros(weight.shape, np.float32)
-            return cls(piece, nothing, nothing, weight.astype(np.float32))
+            flat = np.zeros(weight.shape, np.float32)
+            return cls(piece, flat, flat, weight.astype(np.float32))
         shape: Shape = (
             scratch(defect.length_px, defect.size_px, along, across)
             if defect.kind == "scratch"

@@ -17,7 +17,8 @@ from classify.texture.fields import texture_fields
 from .defect_map import CELL_PX
 
 HALF_CELL = CELL_PX // 2
-# Coarsest pixel of the responses, in pixels at half resolution; the fields are padded to multiples.
+# Coarsest pixel of the octave statistics, in pixels at half resolution; the fields are padded to
+# multiples of it.
 COARSEST = 16
 # Pixels at half resolution over which the fields fade to zero towards the frame and large gaps:
 # a transform repeats the frame, and a step at its border would look like a scratch. This width and
@@ -29,7 +30,8 @@ _FILL_PX = 2.0
 _MIN_FILLED_SHARE = np.float32(0.25)
 _MIN_VALID_SHARE = np.float32(0.5)
 _TINY = np.float32(1e-3)
-# Valid pixels as bytes, which OpenCV resizes faster; a quarter of the value is a whole number.
+# A valid pixel as a byte: OpenCV resizes bytes faster. It is divisible by 4, so that means of
+# 2 x 2 pixels are exact.
 _BYTE = np.uint8(252)
 
 
@@ -41,20 +43,19 @@ class PartFields:
     """Slopes and log albedo without their means, at half resolution."""
 
     # The planes are padded to sides that suit a transform, and fade to 0 at borders and large gaps.
-    # The moments, (h, w, 8), have not faded: the share of valid pixels in every cell, and its
-    # products with the means of p, q, a, p^2, q^2, p q and a^2, where a is the log albedo.
-
     p: FloatMap
     q: FloatMap
     albedo: FloatMap
-    weight: FloatMap  # 1, and 0 where a pixel has faded away
+    weight: FloatMap  # of the fading, 0 to 1
+    # (h, w, 8), without fading: the share of valid pixels in every cell, and its products with the
+    # means of p, q, a, p^2, q^2, p q and a^2, where a is the log albedo.
     moments: FloatMap
     valid: npt.NDArray[np.bool_]  # cells with at least half of their pixels valid
     shape: tuple[int, int]  # rows and columns of the frame, px
 
 
 def part_fields(surface: SurfaceEstimate) -> PartFields:
-    """Compute the fields; InputError as `texture_fields`."""
+    """Compute the fields; raises InputError like `texture_fields`."""
     fields = texture_fields(surface)
     rows, columns = (_padded(-(-side // 2)) for side in surface.shape)
     planes = [_halved(plane, rows, columns) for plane in (fields.p, fields.q, fields.albedo)]
@@ -63,8 +64,8 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
     if not surface.valid.all():
         share = _halved(surface.valid * _BYTE, rows, columns) / np.float32(_BYTE)
         blurred_share = gaussian_mean(share, _FILL_PX)
-        # `texture_fields` sets pixels that are not valid to the mean of the frame: subtract their
-        # part in the means of 2 x 2 pixels.
+        # `texture_fields` sets invalid pixels to the mean of the frame: subtract their contribution
+        # to the means of 2 x 2 pixels.
         gap = np.unravel_index(np.argmin(surface.valid), surface.shape)
         means = (plane[gap] for plane in (fields.p, fields.q, fields.albedo))
         for plane, mean in zip(planes, means, strict=True):
@@ -89,7 +90,7 @@ def part_fields(surface: SurfaceEstimate) -> PartFields:
 
 
 def resized(plane: _Plane, rows: int, columns: int) -> FloatMap:
-    """Means of the pixels of a finer plane, or a coarser one interpolated."""
+    """Resize a plane: means of its pixels if it is finer, else linear interpolation."""
     finer = plane.shape[0] > rows
     method = cv2.INTER_AREA if finer else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(plane, (columns, rows), interpolation=method), np.float32)
@@ -138,7 +139,7 @@ def _cell_moments(share: FloatMap, p: FloatMap, q: FloatMap, albedo: FloatMap) -
 def _sum_moments(
     share: Array, p: Array, q: Array, albedo: Array, moments: Array, first: int, stop: int
 ) -> None:
-    """Moments of rows of cells."""
+    """Write the moments of rows of cells."""
     columns = share.shape[1]
     sums = np.empty((8, columns), np.float32)
     cell = share.shape[0] // moments.shape[0]

@@ -24,7 +24,7 @@ from .whitening import HalfSpectrum, frequencies, low_pass
 DIRECTIONS = 12
 """Directions of lines over 180 degrees, in the frame of the texture."""
 LENGTHS = 3
-"""Lines have 9, 15 and 21 pixels."""
+"""Number of lengths of a line: 9, 15 and 21 pixels."""
 # Half of the longest line: a step of 9 pixels to the centre of a sum of three pixels.
 _MARGIN = 10
 # Rows of pixels per strip; their sums of three pixels fit in the cache.
@@ -117,30 +117,30 @@ def _sum_lines(
 
 
 class _Filter(NamedTuple):
-    """Its departure, half width in pixels of the frame, octave below half resolution, and shape."""
+    """A matched filter of spots, or of lines."""
 
     departure: int
-    width_px: float
-    octave: int
+    half_width_px: float  # of the defect, in pixels of the frame
+    octave: int  # below half resolution
     is_line: bool
 
 
 _SPOTS, _FINE, _WIDE, ALBEDO = range(4)
 """Departures: spots, fine and wide scratches of the relief; spots and scratches of the albedo."""
-# The filter of 1 px found more ploughed grooves of 1.5 px on the even textures than one of 1.5 px.
+# The fine filter of 1 px found more ploughed grooves of 1.5 px on even textures than one of 1.5 px.
 FILTERS = (
-    *(_Filter(kind, width_px, 1, False) for kind in (_SPOTS, ALBEDO) for width_px in (4, 8, 16)),
+    *(_Filter(kind, half_px, 1, False) for kind in (_SPOTS, ALBEDO) for half_px in (4, 8, 16)),
     _Filter(_FINE, 1.0, 0, True),
     *(
-        _Filter(kind, width_px, 1, True)
-        for kind, width_px in ((_WIDE, 2.5), (_WIDE, 4), (ALBEDO, 2.5))
+        _Filter(kind, half_px, 1, True)
+        for kind, half_px in ((_WIDE, 2.5), (_WIDE, 4), (ALBEDO, 2.5))
     ),
 )
 SIZES = tuple(DIRECTIONS * LENGTHS if matched_filter.is_line else 1 for matched_filter in FILTERS)
 """Number of responses of each filter."""
 
 Response = Callable[[FloatMap], FloatMap]
-"""(h, w) float32 largest absolute response in every cell, of responses with given weights."""
+"""Function of weights: (h, w) float32 largest weighted absolute response in every cell."""
 
 
 def filter_responses(
@@ -173,11 +173,11 @@ def _profile(shape: tuple[int, int], matched_filter: _Filter) -> HalfSpectrum:
     sampled = (shape[0] // step, shape[1] // step)
     u, v = frequencies(sampled)
     k = np.hypot(u, v)
-    profile = np.exp(-2.0 * (np.pi * matched_filter.width_px / (2 * step) * k) ** 2)
+    profile = np.exp(-2.0 * (np.pi * matched_filter.half_width_px / (2 * step) * k) ** 2)
     if matched_filter.octave:
         profile *= low_pass(k)
     if matched_filter.departure != ALBEDO:
         profile = profile * k
-    # Samples in the middle of the pixels that they stand for; rows run down, and v up.
+    # Shift the samples to the middle of the pixels that they stand for; rows run down, and v up.
     shift = 0.5 * (step - 1) / step
     return np.asarray(profile * np.exp(2j * np.pi * shift * (u - v)), np.complex64)

@@ -1,4 +1,4 @@
-"""Learn a `DefectModel` from good parts, each scored by a model of the other half."""
+"""Learn a `DefectModel` from good parts; limits follow from scores by the other half of parts."""
 
 import math
 from collections.abc import Collection, Iterable, Sequence
@@ -31,22 +31,22 @@ from .fields import PartFields, gaussian_mean, part_fields
 from .filters import SIZES
 from .whitening import MIN_SIDE_PX, Spectrum, mean_spectrum
 
-# Cells on a side of a tile. Maxima of tiles are hardly correlated, scores of cells are.
+# Cells on a side of a tile. Scores of neighbouring cells are correlated, maxima of tiles hardly.
 _TILE = 64 // CELL_PX
-# Share of the tile maxima, or at least this many, to which the tail is fitted.
+# Share of the tile maxima to which the tail is fitted, and least number of them.
 _TAIL_SHARE, _MIN_TAIL = 0.2, 10
 # The fit of a tail needs a tile maximum at which the tail begins, and one in the tail.
 _MIN_TILES = 2
 # Largest shape of the Pareto tail; evidence has an exponential tail (shape 0) unless parts differ.
 _MAX_TAIL = 0.2
-# Responses are of order 1; that to an albedo which is exactly constant on all good parts is 0.
+# Least limit of an evidence: a departure that is constant on all good parts has none.
 _MIN_LIMIT = 1e-3
 
 # Quantile of the normal distribution at 95 %. With a bound of one standard error, 5 of 96 good
 # parts had an alarm in `tests/evidence/test_defects.py`, at a false alarm rate of 1 %.
 _CONFIDENCE_BOUND = 1.645
 # Prior of the standard deviation of the parts' log maxima, and the number of parts that it counts
-# as. The deviation was 0.2 to 0.3 on most textures of `python -m tests.evidence.defects`.
+# as. It was 0.2 to 0.3 on most textures of `python -m tests.evidence.defects`.
 _PRIOR_SPREAD, _PRIOR_FREEDOM = 0.25, 4
 
 
@@ -92,7 +92,7 @@ def limits_of(maxima: Floats, false_alarm_rate: float) -> Floats:
 
 
 def common_limit(maxima: Floats, false_alarm_rate: float) -> float:
-    """The limit of one score, from the (parts, tiles) maxima of left-out good parts."""
+    """The limit of one channel, from the (parts, tiles) maxima of left-out good parts."""
     # Tiles of one part are correlated, so that the logarithm of a limit of N parts has a standard
     # error of s / sqrt(N), where s is the standard deviation of the logarithms of the parts'
     # highest scores. The limit is the upper 95 % confidence bound of the extrapolated one. With
@@ -125,8 +125,8 @@ def learn_defects(
 ) -> DefectModel:
     """Learn what good parts of one texture look like.
 
-    The parts are split into halves that differ as much as possible, and each part is scored by a
-    model of the other half. The limits follow from these scores, so that a share
+    The parts are split into two unlike halves (`unlike_halves`), and each part is scored by a model
+    of the other half. The limits follow from these scores, so that a share
     `false_alarm_rate` of good parts exceeds 1.0 anywhere. Fewer parts than 1 / rate cannot show
     that: the tail of their scores is extrapolated, the limit is not below the highest score of a
     good part, and `DefectModel.false_alarm_bound` states what the parts show.
@@ -197,13 +197,12 @@ def _checked(surface: SurfaceEstimate) -> SurfaceEstimate:
 
 @dataclass(frozen=True, eq=False)
 class _Observation:
-    """Spectrum of a good part, its squared tile maxima, and the statistics of its cells."""
-
-    # The maxima and the statistics are whitened by the spectrum of the other half of the parts.
+    """Measurements on one good part."""
 
     spectrum: Spectrum
-    mean_squares: Floats  # (sum(SIZES),)
-    statistics: FloatMap
+    # Both are of the part whitened by the spectrum of the other half of the parts.
+    mean_squares: Floats  # (sum(SIZES),) of the tile maxima of the responses
+    statistics: FloatMap  # (n, d) of the valid cells
 
 
 def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[_Observation]:
@@ -232,8 +231,9 @@ def _observations(parts: Sequence[PartFields], angles: Sequence[float]) -> list[
 
 def _departure_model(observations: Sequence[_Observation]) -> DepartureModel:
     statistics = [part.statistics for part in observations]
-    # With mean maxima, filters of heavy tails hide the others of their kind; the highest maxima of
-    # few parts are chance.
+    # Root mean squares of tile maxima weight the responses of one departure against each other.
+    # Scaled by means, the responses with heavy tails would hide the others; the highest maxima of
+    # few parts depend on chance.
     scales = np.sqrt(np.mean([part.mean_squares for part in observations], axis=0))
     negated_deviations = np.concatenate([-part[:, DEVIATION_STATISTICS] for part in statistics])
     return DepartureModel(
@@ -251,22 +251,23 @@ def _without(items: Sequence[_Item], left_out: Collection[int]) -> list[_Item]:
     return [item for number, item in enumerate(items) if number not in left_out]
 
 
-# Standard deviation of the Gaussian of the high-pass, in cells. Slower changes come from lights or
-# form, not from a mark.
+# Standard deviation of the Gaussian of the high-pass, in cells. Slower changes come from the lights
+# or the form of the part, not from a mark.
 _SLOW_CELLS = 6.0
 # Probability that a mark is reported anywhere on parts without one.
 _CHANCE = 1e-3
-# Ratio of the standard deviation of a normal distribution to its median absolute deviation.
-_PER_MEDIAN = 1.0 / float(ndtri(0.75))
+# Ratio of the standard deviation of a normal distribution to its median absolute deviation (MAD).
+_SD_PER_MAD = 1.0 / float(ndtri(0.75))
 
 Box = tuple[int, int, int, int]
 """X, y, width and height in px."""
 
 
 class FixedMarks:
-    """Looks for a mark that all good parts have at one place."""
+    """Test for a mark that all good parts have at one place.
 
-    # By sums of normal scores (van der Waerden 1952) against the whole frame.
+    It uses sums of normal scores (van der Waerden 1952) of the window statistics over the parts.
+    """
 
     def __init__(self) -> None:
         self._parts = 0
@@ -292,7 +293,7 @@ class FixedMarks:
         """Bounding box of the strongest mark in px; None without one."""
         if self._sums is None or self._valid is None:
             return None
-        # Windows at the borders of the frame and of the parts are incomplete.
+        # Windows at the borders of the frame and of the masks are incomplete.
         inside = cv2.erode(
             self._valid.astype(np.uint8), np.ones((3, 3), np.uint8), borderType=cv2.BORDER_CONSTANT,
             borderValue=0,
@@ -300,7 +301,7 @@ class FixedMarks:
         if not inside.any():
             return None
         sums: FloatMap = np.abs(self._sums) / np.sqrt(np.float32(self._parts))
-        spread = np.maximum(_PER_MEDIAN * np.median(sums[:, inside], axis=1), np.float32(1.0))
+        spread = np.maximum(_SD_PER_MAD * np.median(sums[:, inside], axis=1), np.float32(1.0))
         highest = np.where(inside, np.max(sums / spread[:, None, None], axis=0), 0.0)
         limit = -ndtri(0.5 * _CHANCE / (len(sums) * np.count_nonzero(inside)))
         if highest.max() <= limit:

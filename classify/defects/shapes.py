@@ -21,7 +21,7 @@ _LOBES = ((2, 0.07, 0.0), (3, 0.05, 1.0), (5, 0.03, 2.5))
 
 
 class Shape(NamedTuple):
-    """A function of the place and its derivatives along and across the angle of the defect."""
+    """Values of a shape, and their derivatives along and across the angle of the defect."""
 
     value: Image
     along: Image
@@ -32,7 +32,7 @@ def bump(diameter_px: float, along: Image, across: Image) -> Shape:
     """Raised cosine of height 1: smooth, and flat in the middle and at its finite edge."""
     radius_px = 0.5 * diameter_px
     phase = np.pi * np.minimum(np.hypot(along, across) / radius_px, 1.0)
-    # sin(phase) / phase, which is 1 in the middle, times the slope of the parabola there.
+    # Derivative by the radius, over the radius; finite in the middle, where sinc is 1.
     slope = -0.5 * (np.pi / radius_px) ** 2 * np.sinc(phase / np.pi)
     return Shape(0.5 + 0.5 * np.cos(phase), slope * along, slope * across)
 
@@ -46,24 +46,25 @@ def scratch(length_px: float, width_px: float, along: Image, across: Image) -> S
     entry_px = _ENTRY_SHARE * length_px
     phase = np.pi * np.clip((0.5 * length_px - np.abs(along)) / entry_px, 0.0, 1.0)
     depth = 0.5 - 0.5 * np.cos(phase)
-    deeper = -0.5 * np.pi / entry_px * np.sin(phase) * np.sign(along)
-    return Shape(depth * profile, deeper * profile, depth * slope)
+    depth_slope = -0.5 * np.pi / entry_px * np.sin(phase) * np.sign(along)
+    return Shape(depth * profile, depth_slope * profile, depth * slope)
 
 
 def blot(diameter_px: float, along: Image, across: Image) -> Shape:
     """Weight of a stain or a patch: 1 within, a raised cosine down to 0 at an irregular outline."""
     distance, angle = np.hypot(along, across), np.arctan2(across, along)
-    radius, turning = np.full_like(distance, _MEAN_RADIUS), np.zeros_like(distance)
+    # Radius of the outline, and its derivative by the angle.
+    radius, radius_slope = np.full_like(distance, _MEAN_RADIUS), np.zeros_like(distance)
     for lobes, amplitude, start in _LOBES:
         radius += amplitude * np.cos(lobes * angle + start)
-        turning -= amplitude * lobes * np.sin(lobes * angle + start)
+        radius_slope -= amplitude * lobes * np.sin(lobes * angle + start)
     radius *= 0.5 * diameter_px
-    turning *= 0.5 * diameter_px  # derivative of the outline's radius by the angle
+    radius_slope *= 0.5 * diameter_px
     share = distance / radius
     phase = np.pi * np.clip((share - _FADE_FROM) / (1.0 - _FADE_FROM), 0.0, 1.0)
     fall = -0.5 * np.pi / (1.0 - _FADE_FROM) * np.sin(phase)
-    # The gradient of the share, outwards and anticlockwise.
-    outwards, around = fall / radius, -fall * turning / radius**2
+    # The gradient of the weight, outwards and anticlockwise.
+    outwards, around = fall / radius, -fall * radius_slope / radius**2
     cos, sin = np.cos(angle), np.sin(angle)
     return Shape(
         0.5 + 0.5 * np.cos(phase), cos * outwards - sin * around, sin * outwards + cos * around

@@ -4,11 +4,10 @@ A filter that divides by the root of the power spectrum turns a stationary textu
 of variance 1. Divided by the power itself, and correlated with the shape of a defect, it shows that
 defect with the largest possible signal-to-noise ratio (the matched filter of North 1943).
 
-Of two fields the power spectrum is a matrix at each frequency. In many textures low places are
-dark, so that the relief predicts the albedo: what it predicts of a stain's surroundings is taken
-off, and the stain stands out from the rest. The prediction uses the real part of the cross
-spectrum, which is the same for a part that lies upside down: a match knows the orientation of many
-textures modulo 180 degrees only.
+The power spectrum of two fields is a matrix at each frequency. In many textures low places are
+dark, so that the relief predicts the albedo. The predicted albedo is subtracted, which makes stains
+stand out. The prediction uses the real part of the cross spectrum, which is the same for a part
+that is rotated by 180 degrees: the orientation of many textures is known modulo 180 degrees only.
 """
 
 from collections.abc import Sequence
@@ -34,10 +33,10 @@ from .fields import PartFields
 _SEGMENTS = (128, 64)
 MIN_SIDE_PX = 4 * _SEGMENTS[-1]
 """Shortest side of a good part: two segments at half resolution."""
-# Least mean weight of a segment; where more of it has faded to 0, it tells little of the texture.
+# Least mean weight of a segment that counts; the others have mostly faded to 0.
 _MIN_WEIGHT = 0.5
 # Power added to every frequency, as a share of the mean power: errors of focus, scale and
-# orientation move about this share of the power of one frequency to others.
+# orientation spread about this share over other frequencies.
 _FLOOR = 1e-3
 # Frequencies between which the low-pass falls from 1 to 0, in cycles per pixel. The band is
 # isotropic, so that a texture is filtered equally at all orientations.
@@ -49,7 +48,7 @@ HalfSpectrum = npt.NDArray[np.complex64]
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Power of relief (slope along the wave vector) and albedo, and what they share.
+    """Power spectra of relief (slope along the wave vector) and albedo, and their cross spectrum.
 
     (n, n) float64 each. Zero frequency is in the middle. The orientation is 0, with y up.
     """
@@ -96,8 +95,8 @@ class Spectrum:
         They are gain of the relief, gain of the albedo beyond what the relief predicts of it, and
         gain of the white relief in that prediction.
         """
-        # The window mixes the lowest frequencies with frequency 0: they get the highest power
-        # around them, and nothing is shared.
+        # The window mixes the lowest frequencies with frequency 0: they get the highest power of
+        # the ring around them, and no cross spectrum.
         index = np.arange(len(self.relief)) - len(self.relief) // 2
         radius = np.hypot(index[None, :], index[:, None])
         lowest, ring = radius < 1.5, (radius >= 1.5) & (radius < 3.0)
@@ -197,7 +196,7 @@ def _apply_gains(
         v = -v_step * np.float32(r if 2 * r < rows else r - rows)
         for k in range(half):
             u = u_step * np.float32(k)
-            # v is up, and rows of the gains run down; only their upper half is there.
+            # v is up, and rows of the gains run down; only their upper half is stored.
             x, y = c * u + s * v, c * v - s * u
             if y < zero:
                 x, y = -x, -y
