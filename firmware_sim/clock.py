@@ -134,10 +134,13 @@ class VirtualClock:
 
         def unregister() -> None:
             with self._step_lock:
-                self._callbacks = tuple(c for c in self._callbacks if c is not callback)
+                self._callbacks = tuple(c for c in self._callbacks if c is not entry)
+
+        def entry() -> None:  # its own object, so that one callback may be registered twice
+            callback()
 
         with self._step_lock:
-            self._callbacks = (*self._callbacks, callback)
+            self._callbacks = (*self._callbacks, entry)
         return unregister
 
     def _step_towards(self, deadline_ns: int) -> None:
