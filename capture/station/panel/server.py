@@ -33,7 +33,7 @@ REFUSED_S, _MAX_REFUSED = 2.0, 512
 HEAD_S = 10.0
 _MAX_HEAD_BYTES = 16 * 1024
 _KEEP_ALIVE_S = 15
-_STOP_S = 5
+STOP_S = 5
 _START_POLL_S = 0.01
 # A client that takes less than 48 kB in this time, the part of uvicorn's buffer that must be sent
 # before it is filled again, does not read.
@@ -208,7 +208,7 @@ def serving_panel(
         forwarded_allow_ips=["127.0.0.1", "::1"],
         h11_max_incomplete_event_size=_MAX_HEAD_BYTES,
         timeout_keep_alive=_KEEP_ALIVE_S,
-        timeout_graceful_shutdown=_STOP_S,
+        timeout_graceful_shutdown=STOP_S,
     )
     logging.getLogger("uvicorn.error").addFilter(_is_no_cancellation)
     config.load()

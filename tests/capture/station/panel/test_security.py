@@ -312,7 +312,7 @@ def test_a_panel_that_ends_cuts_off_an_export_without_a_traceback(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(server, "_STOP_S", SHORT_S)
+    monkeypatch.setattr(server, "STOP_S", SHORT_S)
     monkeypatch.setattr(api, "csv_pieces", lambda _: repeat("x" * 1000))
     with ExitStack() as stack, running_panel(tmp_path / "line-1", captured) as running:
         raw = stack.enter_context(connected(running))  # is closed after the panel
