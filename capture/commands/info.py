@@ -250,8 +250,7 @@ def compare(
     without --out.
     """
     from capture.maps.comparison import compare as compared
-    from capture.maps.comparison import side_of
-    from capture.maps.comparison_page import comparison_page
+    from capture.maps.comparison import comparison_page, side_of
     from classify.base.durable_file import durable_file
 
     options.check_calibration(calibration, raw)
