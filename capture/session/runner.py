@@ -1,6 +1,6 @@
 """The runner of a session: place, capture, check, keep, set after set."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
@@ -167,7 +167,6 @@ class _Runner:
                 case Answer.REPEAT:
                     # The previous placement once more, if there was one.
                     if last is not None:
-                        rotate_specimen(self._folder.plan, last[0].orientation_deg)
                         self._capture_placement(last)
                     continue
                 case Answer.SKIP:
@@ -175,7 +174,6 @@ class _Runner:
                 case Answer.LEAVE:
                     pass
                 case Answer.GO:
-                    rotate_specimen(self._folder.plan, first.orientation_deg)
                     last = placements[index]
                     self._capture_placement(last)
             index += 1
@@ -183,7 +181,8 @@ class _Runner:
     def _missing(self) -> list[PlannedSet]:
         return self._folder.missing(left_out=self._left_out)
 
-    def _capture_placement(self, planned_sets: Iterable[PlannedSet]) -> None:
+    def _capture_placement(self, planned_sets: Sequence[PlannedSet]) -> None:
+        rotate_specimen(self._folder.plan, planned_sets[0].orientation_deg)
         for planned in planned_sets:
             self._capture_one(planned)
 
