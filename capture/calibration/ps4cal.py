@@ -15,13 +15,7 @@ from pydantic import Field, JsonValue, TypeAdapter
 
 from capture.base.errors import CalibrationError
 from classify import Calibration, InputError, Lighting
-from classify.base.array_archive import (
-    ArchiveKind,
-    ArrayArchive,
-    arrays_sha256,
-    open_archive,
-    write_archive,
-)
+from classify.base import array_archive
 from classify.base.arrays import Array
 from classify.base.models import Record
 from classify.calibration.dark import measured_at
@@ -30,7 +24,7 @@ from .setting import PART_NAMES, PartName, Setting
 
 SUFFIX = ".ps4cal"
 _VERSION: Final = 3
-_KIND = ArchiveKind(
+_KIND = array_archive.ArchiveKind(
     noun="calibration",
     header="calibration.json",
     version=_VERSION,
@@ -121,7 +115,7 @@ class _Header(Record):
 
     def hash_with(self, arrays: Mapping[str, Array]) -> str:
         """SHA-256 of all other fields and the arrays."""
-        return arrays_sha256(self.model_dump_json(exclude={"sha256"}), arrays)
+        return array_archive.arrays_sha256(self.model_dump_json(exclude={"sha256"}), arrays)
 
 
 class _Encoded(NamedTuple):
@@ -212,7 +206,7 @@ class CalibrationFile:
         if path.suffix != SUFFIX:
             raise InputError(f"{path}: the name of a calibration must end in {SUFFIX}")
         header, arrays = self._encoding
-        write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
+        array_archive.write_archive(path, _KIND, header.model_dump_json(indent=1), arrays)
 
     @classmethod
     def read(cls, path: str | Path) -> CalibrationFile:
@@ -225,7 +219,7 @@ class CalibrationFile:
             of another version.
         """
         path = Path(path)
-        with open_archive(path, _KIND) as archive:
+        with array_archive.open_archive(path, _KIND) as archive:
             header = archive.header(_Header)
             arrays = {
                 name: {key: archive.array(f"{name}/{key}.npy", _DTYPES) for key in part.arrays}
@@ -259,7 +253,10 @@ def _encode(calibration: Calibration, records: Mapping[PartName, PartRecord]) ->
 
 
 def _part(
-    archive: ArrayArchive, name: PartName, header: _PartHeader, arrays: dict[str, Array]
+    archive: array_archive.ArrayArchive,
+    name: PartName,
+    header: _PartHeader,
+    arrays: dict[str, Array],
 ) -> Any:
     try:
         return rebuilt(name, dict(header.values), arrays)

@@ -23,6 +23,7 @@ from classify.texture.fields import TextureFields, texture_fields
 from classify.texture.spectra import field_spectra, segment_for
 from rig.scene.render import SceneImages, render_frame
 
+from . import runs
 from .plan import (
     BEST_SOLVER,
     OURS,
@@ -35,20 +36,6 @@ from .plan import (
     Plan,
     Protocol,
     Texture,
-)
-from .runs import (
-    CachedPatch,
-    System,
-    expose,
-    library_path,
-    load_surface,
-    match_patch,
-    patch_tasks,
-    render_patch,
-    solve,
-    solves_as_planar,
-    train,
-    training_tasks,
 )
 
 _SHADOW_SLANTS_DEG = tuple(map(float, range(10, 90, 10)))  # figures 9.2 and 9.3
@@ -109,13 +96,15 @@ def _measured_costs(plan: Plan, folder: Path) -> list[_Cost]:
         # Runs with one segment hold `THESIS` again; only its spectra of several segments are timed.
         if run.one_segment:
             continue
-        images = CachedPatch(position, experiment.frame_px).images(test.conditions)
-        solve_images = partial(solve, images, BEST_SOLVER, planar=solves_as_planar(BEST_SOLVER))
+        images = runs.CachedPatch(position, experiment.frame_px).images(test.conditions)
+        solve_images = partial(
+            runs.solve, images, BEST_SOLVER, planar=runs.solves_as_planar(BEST_SOLVER)
+        )
         surface = solve_images()
         functions: dict[str, Work] = {"solve": solve_images}
         for classifier in (OURS, THESIS, TEXTONS):
             if classifier in run.classifiers:
-                path = library_path(folder, experiment.name, run, BEST_SOLVER, classifier)
+                path = runs.library_path(folder, experiment.name, run, BEST_SOLVER, classifier)
                 functions[classifier] = partial(TextureLibrary.load(path).classify, surface)
         durations_ms = shortest_ms(functions, _ROUNDS)
         solve_ms = durations_ms.pop("solve")
@@ -148,7 +137,7 @@ _Polar = dict[str, list[float]]
 def _shadow_shares(texture_and_slant: tuple[str, float]) -> tuple[float, ...]:
     """Share of the pixels of a synthetic texture in shadow of a light, for each tilt."""
     name, slant_deg = texture_and_slant
-    surface = load_surface(Texture(name), 0, _SHADOW_PX)
+    surface = runs.load_surface(Texture(name), 0, _SHADOW_PX)
     scene = render_frame(surface, Lighting.ring(slant_deg, SHADOW_TILTS_DEG), _SHADOW_PX)
     shares: list[float] = scene.shadowed.mean(axis=(1, 2)).tolist()
     return tuple(shares)
@@ -204,10 +193,10 @@ def _solved_sand(
 ) -> tuple[SceneImages, dict[str, SurfaceEstimate]]:
     """Render a patch of sand, and solve its images by several solvers."""
     position = PatchPosition(Texture("sand"), 0, (0.0, 0.0), rotate_deg)
-    scene = render_patch(position, SAND_SLANT_DEG, size_px)
+    scene = runs.render_patch(position, SAND_SLANT_DEG, size_px)
     # Each orientation has its own noise.
-    images = expose(scene, Conditions(SAND_SLANT_DEG, size_px), seed=round(rotate_deg))
-    return scene, {solver: solve(images, solver) for solver in solvers}
+    images = runs.expose(scene, Conditions(SAND_SLANT_DEG, size_px), seed=round(rotate_deg))
+    return scene, {solver: runs.solve(images, solver) for solver in solvers}
 
 
 SOLVER_TITLES = {
@@ -230,7 +219,7 @@ CLASSIFIER_TITLES = {name: name for name in CLASSIFIER_NAMES} | {
 }
 
 
-class Trials(dict[System, list[Trial]]):
+class Trials(dict[runs.System, list[Trial]]):
     """Trials of all test patches by system."""
 
     def accuracy_pct(
@@ -243,7 +232,7 @@ class Trials(dict[System, list[Trial]]):
         texture: str | None = None,
     ) -> float | None:
         """Percent of tests whose nearest class is the true one, rejected or not."""
-        trials = self.get(System(experiment, test, solver, classifier, protocol), [])
+        trials = self.get(runs.System(experiment, test, solver, classifier, protocol), [])
         share = nearest_accuracy([t for t in trials if texture in (None, t.label)])
         return None if share is None else 100.0 * share
 
@@ -286,15 +275,17 @@ def measure(
         polar = list(run(spectra, _POLAR_ORIENTATIONS_DEG, "polar spectra"))
         (maps,) = run(_sand_maps, [_MAPS_PX], "maps")
         training = [
-            task for experiment in plan.experiments for task in training_tasks(experiment, folder)
+            task
+            for experiment in plan.experiments
+            for task in runs.training_tasks(experiment, folder)
         ]
-        for _ in run(train, training, "train"):
+        for _ in run(runs.train, training, "train"):
             pass
         tests = [
-            task for experiment in plan.experiments for task in patch_tasks(experiment, folder)
+            task for experiment in plan.experiments for task in runs.patch_tasks(experiment, folder)
         ]
         trials = Trials()
-        for system, trial in itertools.chain.from_iterable(run(match_patch, tests, "test")):
+        for system, trial in itertools.chain.from_iterable(run(runs.match_patch, tests, "test")):
             trials.setdefault(system, []).append(trial)
         costs = _measured_costs(plan, folder)
     return Results(
