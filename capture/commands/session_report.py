@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import (
-    ItemProgress,
-    new_table,
-    out,
-    print_json,
-    print_table,
-    progress,
-)
+from capture.base.console import ItemProgress, new_table, out, print_json, print_table, progress
 from capture.base.utc_time import readable_utc
 from capture.commands import options
 from classify.base.errors import InputError

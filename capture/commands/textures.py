@@ -12,14 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import (
-    complain,
-    new_table,
-    out,
-    print_json,
-    print_table,
-    progress,
-)
+from capture.base.console import complain, new_table, out, print_json, print_table, progress
 from capture.base.outputs import check_output, csv_line
 from classify.methods import CLASSIFIER_NAMES, DEFAULT_CLASSIFIER, METHODS, ClassifierName, Method
 

@@ -14,13 +14,7 @@ import numpy as np
 from classify.base.arrays import Array, FloatMap, Floats
 from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
-from classify.texture.blur import (
-    EXTRAPOLATION,
-    KNOTS_PX2,
-    blur_penalty,
-    min_on_path,
-    path_products,
-)
+from classify.texture.blur import EXTRAPOLATION, KNOTS_PX2, blur_penalty, min_on_path, path_products
 
 from .classifier import Parameters
 from .joint_features import SERIES

@@ -10,12 +10,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from classify.base.array_archive import (
-    ArchiveKind,
-    arrays_sha256,
-    read_arrays,
-    write_arrays,
-)
+from classify.base.array_archive import ArchiveKind, arrays_sha256, read_arrays, write_arrays
 from classify.base.arrays import Floats
 from classify.base.errors import PieceModelError
 from classify.surface.estimate import FloatMap

@@ -14,12 +14,7 @@ from classify.base.compiling import kernel
 from classify.base.threads import STRIP_PX
 from classify.images import ImageStack
 from classify.lights.algebra import drop_one_constants
-from classify.lights.led_levels import (
-    LEVEL_SAMPLES,
-    LitSamples,
-    level_corrections,
-    residual_spread,
-)
+from classify.lights.led_levels import LEVEL_SAMPLES, LitSamples, level_corrections, residual_spread
 from classify.shadow_rule import (
     DARK,
     LEAK,
