@@ -8,12 +8,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from classify.base.array_archive import (
-    ArchiveKind,
-    arrays_sha256,
-    read_arrays,
-    write_arrays,
-)
+from classify.base.array_archive import ArchiveKind, arrays_sha256, read_arrays, write_arrays
 from classify.base.errors import DefectModelError
 from classify.confidence import share_at_most
 from classify.surface.estimate import FloatMap, SurfaceEstimate

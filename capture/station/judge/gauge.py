@@ -16,12 +16,7 @@ from capture.station.domain.verdict import Decision, Verdict
 from classify.base.errors import InputError
 from classify.base.models import Record
 from classify.base.regular_file import read_regular_file
-from classify.confidence import (
-    CONFIDENCE,
-    share_at_least,
-    share_at_most,
-    trials_to_show,
-)
+from classify.confidence import CONFIDENCE, share_at_least, share_at_most, trials_to_show
 
 _Rating = Literal["acceptable", "marginal", "unacceptable"]
 # Smallest effectiveness, and largest shares of misses and of false alarms, of an acceptable and of

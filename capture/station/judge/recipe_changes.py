@@ -17,12 +17,7 @@ from capture.station.results.database import ResultsUnavailable
 
 from .approval import approve, approved_states, require_unchanged, roll_back
 from .challenge import Replay, run_challenge
-from .challenge_set import (
-    Expected,
-    add_to_challenge,
-    challenge_sets,
-    remove_from_challenge,
-)
+from .challenge_set import Expected, add_to_challenge, challenge_sets, remove_from_challenge
 from .inspector import Inspector
 from .recipe_settings import save_settings, setting_changes
 from .recipe_state import RecipeState, state_of

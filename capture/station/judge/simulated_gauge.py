@@ -12,12 +12,7 @@ from capture.station.domain.fault import fault_of
 from capture.station.domain.simulated_parts import simulated_part
 from capture.station.domain.verdict import Verdict
 from classify.base.errors import ConfigError
-from rig import (
-    Placement,
-    Rig,
-    RigConfig,
-    open_rig,
-)
+from rig import Placement, Rig, RigConfig, open_rig
 
 from .gauge import Presentation
 from .inspector import Inspector

@@ -13,12 +13,7 @@ from paho.mqtt.client import Client
 from paho.mqtt.enums import CallbackAPIVersion
 
 from capture.station.domain.interface_config import MqttConfig
-from capture.station.run.events import (
-    PartAnnounced,
-    PartRecovered,
-    RecipeLoaded,
-    StateChanged,
-)
+from capture.station.run.events import PartAnnounced, PartRecovered, RecipeLoaded, StateChanged
 from capture.station.run.live_view import LiveEvent
 
 # Largest number of waiting messages, of 2 kB each. With a result and two states for each part it

@@ -26,14 +26,7 @@ from .live_view import LiveEvent, LiveView
 from .refusals import Refusals
 from .states import TRANSITIONS, Change, State
 from .station_state import STARTING, StationState, changes_by
-from .triggers import (
-    Answer,
-    Asker,
-    RecipeRefusal,
-    RecipeRefused,
-    Refused,
-    Trigger,
-)
+from .triggers import Answer, Asker, RecipeRefusal, RecipeRefused, Refused, Trigger
 
 if TYPE_CHECKING:
     from .cycle import Station

@@ -20,12 +20,7 @@ from capture.station.domain.recipe_file import (
     read_recipe,
     write_recipe,
 )
-from capture.station.domain.taught import (
-    Taught,
-    TaughtSet,
-    TaughtTexture,
-    TextureModels,
-)
+from capture.station.domain.taught import Taught, TaughtSet, TaughtTexture, TextureModels
 from capture.station.judge.inspector import Inspection, Inspector
 from classify import Match, TextureLibrary
 from classify.base.durable_file import make_folder
