@@ -192,14 +192,14 @@ def _write_stl(loaded: LoadedSet, path: Path) -> str:
 
 
 def _write_x3p(loaded: LoadedSet, path: Path) -> str:
-    from capture.maps.measured_surfaces import HeightMap, write_x3p
+    from capture.maps.height_files import HeightMap, write_x3p
 
     write_x3p(path, HeightMap.of(loaded))
     return "m"
 
 
 def _write_sur(loaded: LoadedSet, path: Path) -> str:
-    from capture.maps.measured_surfaces import HeightMap, write_sur
+    from capture.maps.height_files import HeightMap, write_sur
 
     write_sur(path, HeightMap.of(loaded))
     return "um"

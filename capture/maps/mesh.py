@@ -11,7 +11,7 @@ from classify import SurfaceEstimate
 from classify.base.arrays import Array, FloatMap
 from classify.base.durable_file import durable_file
 
-from .measured_surfaces import solved_height
+from .height_files import solved_height
 
 
 def scaled_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap, float, str]:
