@@ -44,6 +44,7 @@ class Chromium:
         self._commands, self._answers = commands, answers
         self._ids = itertools.count(1)
         self._rest = b""
+        self._context: dict[str, str] = {}
         self.events: list[dict[str, Any]] = []
 
     def call(self, method: str, session: str | None = None, **parameters: Any) -> dict[str, Any]:
@@ -71,12 +72,20 @@ class Chromium:
         text, _, self._rest = self._rest.partition(b"\0")
         return dict(json.loads(text))
 
+    @contextmanager
+    def anew(self) -> Iterator["Chromium"]:
+        """Open pages as in a new browser, which would take a second to start."""
+        self._context = self.call("Target.createBrowserContext")
+        yield self
+        self.call("Target.disposeBrowserContext", **self._context)
+        self.events.clear()
+
     def page(
         self, url: str, width: int = 1280, height: int = 800, *, dark: bool = False,
         alone: bool = False,
     ) -> "Page":  # fmt: skip
         """Open a page, and wait until it is loaded; `alone` is as in a browser of its own."""
-        context = self.call("Target.createBrowserContext") if alone else {}
+        context = self.call("Target.createBrowserContext") if alone else self._context
         target = self.call("Target.createTarget", url="about:blank", **context)["targetId"]
         attached = self.call("Target.attachToTarget", targetId=target, flatten=True)
         page = Page(self, attached["sessionId"])

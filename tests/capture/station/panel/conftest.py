@@ -49,7 +49,14 @@ def without_users(
         yield running
 
 
+@pytest.fixture(scope="session")
+def started_browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Chromium]:
+    with chromium(tmp_path_factory.mktemp("profile")) as running:
+        yield running
+
+
 @pytest.fixture
-def browser(tmp_path: Path) -> Iterator[Chromium]:
-    with chromium(tmp_path / "profile") as running:
+def browser(started_browser: Chromium) -> Iterator[Chromium]:
+    """A browser without cookies."""
+    with started_browser.anew() as running:
         yield running

@@ -14,7 +14,7 @@ from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused
 from tests.capture.station.panel.pages import logged_in
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.capture.station.stations import FIRST, FakeRecipes
-from tests.chromium import chromium
+from tests.chromium import Chromium
 
 API = "/api/v1/recipes/example"
 
@@ -113,15 +113,14 @@ def test_the_button_names_the_hash_of_the_recipe_on_the_page(
 
 @pytest.mark.browser
 def test_a_recipe_is_loaded_by_the_keyboard_and_the_operator_sees_it(
-    line: RunningPanel, tmp_path: Path
+    line: RunningPanel, browser: Chromium
 ) -> None:
-    with chromium(tmp_path / "profile") as browser:
-        engineer = logged_in(browser, line, "kim")
-        operator = browser.page(line.url)
-        assert operator.text("recipe").startswith(FIRST)
-        engineer.go(f"{line.url}recipes")
-        engineer.tab_to("[aria-label='Load recipe example']")
-        engineer.press("Enter")
-        engineer.until("!document.querySelector('[aria-label=\\'Load recipe example\\']')")
-        operator.until("document.getElementById('recipe').textContent == 'example, version 1'")
-        assert operator.errors() == engineer.errors() == []
+    engineer = logged_in(browser, line, "kim")
+    operator = browser.page(line.url)
+    assert operator.text("recipe").startswith(FIRST)
+    engineer.go(f"{line.url}recipes")
+    engineer.tab_to("[aria-label='Load recipe example']")
+    engineer.press("Enter")
+    engineer.until("!document.querySelector('[aria-label=\\'Load recipe example\\']')")
+    operator.until("document.getElementById('recipe').textContent == 'example, version 1'")
+    assert operator.errors() == engineer.errors() == []
