@@ -23,21 +23,21 @@ class Accounts:
     changes: ChangeLog
     who: Identity
 
-    def put_user(self, name: str, role: Role, password: str, seen: User | None = None) -> None:
-        """Add a user, or give one another role and password; see `Users.put`."""
+    def put_user(self, name: str, role: Role, password: str, expected: User | None = None) -> None:
+        """Add a user, or change role and password of one; see `Users.put`."""
         _require_free("user", name)
-        self._put(name, role, password, seen)
+        self._put(name, role, password, expected)
 
     def put_kiosk(self, pin: str) -> None:
         """Set the PIN by which the line's screens log in as an operator."""
         self._put(KIOSK, Role.OPERATOR, pin)
 
-    def _put(self, name: str, role: Role, password: str, seen: User | None = None) -> None:
+    def _put(self, name: str, role: Role, password: str, expected: User | None = None) -> None:
         def record(before: User | None) -> None:
             old_role = None if before is None else before.role
             self.changes.record(self.who, f"user {name}", old_role, f"{role}, new password")
 
-        self.users.put(name, role, password, seen, record)
+        self.users.put(name, role, password, expected, record)
 
     def remove_user(self, name: str) -> None:
         """Remove a user; see `Users.remove`."""
@@ -60,7 +60,7 @@ class Accounts:
 
 
 def _require_free(kind: str, name: str) -> None:
-    """Refuse a new name that the log of changes has for others than people and programs."""
+    """Refuse names that the log of changes uses for the system itself."""
     if name.lower() in _RESERVED:
         raise Conflict(f"{kind} {name}: is reserved; give another name")
 

@@ -118,7 +118,7 @@ class ResultsAccess:
 
 
 class ChangeLog:
-    """Writes changes to the database of results, made if missing, and to ``station.log``."""
+    """Writes changes to the database of results, made if it is missing, and to ``station.log``."""
 
     def __init__(self, folder: StationFolder, results: ResultsAccess) -> None:
         self._folder, self._results = folder, results
@@ -149,7 +149,7 @@ class ChangeLog:
         self._log(f"{what} from {address}: {after}")
 
     def _log(self, line: str) -> None:
-        # One line, whatever somebody gave as a reason.
+        # One line for each change, although texts of people may have line breaks.
         self._folder.log("".join(c if c.isprintable() else " " for c in line))
 
 
@@ -168,20 +168,20 @@ def override_part(
     The override is in the name of `by`. The log of changes names `who`, such as the user of the
     computer on whose terminal `by` decided.
     """
-    part_id, given = entry.result.part_id, decision.upper()
-    if given not in (Decision.PASS, Decision.FAIL):
+    part_id, verdict = entry.result.part_id, decision.upper()
+    if verdict not in (Decision.PASS, Decision.FAIL):
         raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
     if not reason.strip():
         raise InputError("reason: must not be empty")
     if any(unicodedata.category(letter) in _CONTROL for letter in reason.strip()):
         raise InputError("reason: has control characters or line breaks; leave them out")
     last = entry.override
-    if last is not None and (last.decision, last.by, last.reason) == (given, by, reason.strip()):
+    if last is not None and (last.decision, last.by, last.reason) == (verdict, by, reason.strip()):
         return last.decision
-    log.record(who, f"part {part_id}", entry.decision, f"{given}: {reason.strip()}")
+    log.record(who, f"part {part_id}", entry.decision, f"{verdict}: {reason.strip()}")
     utc = utc_text(timespec="milliseconds")
-    store.override(part_id, decision=Decision(given), by=by, reason=reason, utc=utc)
-    return Decision(given)
+    store.override(part_id, decision=Decision(verdict), by=by, reason=reason, utc=utc)
+    return Decision(verdict)
 
 
 @contextmanager

@@ -1,7 +1,7 @@
 """The chain of hashes of a station: the hash of each row covers the row and the hash before it.
 
-Whoever can write to the database can compute all hashes anew. A head that was kept elsewhere
-reveals it.
+A program that can write to the database can also compute all hashes anew; that is detected only
+with a head that was kept elsewhere.
 """
 
 import hashlib
@@ -17,8 +17,8 @@ from sqlalchemy import Connection, Table, bindparam, insert, select, union_all
 from .schema import CHAINED
 
 _PAGE_ROWS = 500
-# The query of the last link is made only once: SQLAlchemy takes 2 ms to make it, more than the
-# database takes for a result.
+# The query of the last link is built only once: SQLAlchemy needs 2 ms for that, longer than the
+# database needs to store a result.
 _ENDS = (
     select(table.c.link, table.c.chain_sha256)
     .where(table.c.station == bindparam("station"))
@@ -33,7 +33,7 @@ _HEAD = select(_ENDS_OF_ALL).order_by(_ENDS_OF_ALL.c.link.desc())
 
 @dataclass(frozen=True)
 class Head:
-    """The last link of a chain; position 0 without rows."""
+    """The last link of a chain; number 0 without rows."""
 
     link: int = 0
     chain_sha256: str = ""
@@ -75,7 +75,7 @@ def broken_links(
     with reading() as connection:
         last = head(connection, station).link
     first = 1 if newest is None else max(1, last - newest + 1)
-    before = "" if first == 1 else None  # None: of a row that was not read
+    before = "" if first == 1 else None  # hash of the link before; None if it was not read
     expected = first
     rows = (_rows(reading, station, table, first, last) for table in CHAINED)
     for link, table, row in heapq.merge(*rows, key=lambda entry: entry[0]):

@@ -19,13 +19,12 @@ from sqlalchemy.exc import TimeoutError as PoolTimeoutError
 from capture.station.domain.verdict import Cause
 from classify.base.errors import InputError, Ps4rigError
 
-# Default time-out: twice as long as another program may lock the database without an error
-# (README.md: 10 s).
+# Default time for which a call waits for a locked database.
 TIMEOUT_S = 20.0
 _CONNECT_TIMEOUT_S = 5
-_PAUSE_S = 0.01  # between two tries of a new SQLite file
-# Cache of an SQLite connection that only reads. A scan of a table would fill SQLite's default of
-# 2 MB, and keep it. Queries are as fast with this one (tests.evidence.station.history).
+_PAUSE_S = 0.01  # between two attempts to switch the journal of a new SQLite file
+# Cache of an SQLite connection that only reads. A scan of a table would fill and keep SQLite's
+# default of 2 MB. Queries are as fast with this size (`python -m tests.evidence.station.history`).
 _READ_CACHE_KB = 256
 _RESULTS_FORM = "give postgresql://USER@HOST/DATABASE, or a file name such as results.sqlite"
 # Advisory locks of PostgreSQL are named by two integers: the letters "ps4r", and the station.
@@ -84,7 +83,7 @@ def sqlite_engine(url: URL, *, timeout_s: float, is_writer: bool) -> Engine:
 
     @event.listens_for(engine, "connect")
     def _prepare(connection: sqlite3.Connection, _record: Any) -> None:
-        # Python must not begin transactions by itself: changes of tables belong to them too.
+        # Python's own transactions would not include CREATE TABLE; `_begin` begins them instead.
         connection.isolation_level = None
         _use_write_ahead_log(connection, timeout_s)
         for pragma in ("synchronous = FULL", "foreign_keys = ON"):
@@ -102,7 +101,7 @@ def sqlite_engine(url: URL, *, timeout_s: float, is_writer: bool) -> Engine:
 def _use_write_ahead_log(connection: sqlite3.Connection, timeout_s: float) -> None:
     """Switch to the write-ahead log.
 
-    If two programs make the file at the same time, SQLite's time-out does not apply.
+    SQLite's time-out does not apply if two programs make the file at the same time.
     """
     deadline_s = time.monotonic() + timeout_s
     while True:

@@ -23,7 +23,7 @@ _FIRST_COLUMNS = (
     "station", "number", "part_id", "triggered_utc", "verdict", "reason", "causes", "simulated",
     "override", "set_removed_utc", "station_verdict",
 )  # fmt: skip
-_RENAMED_COLUMN = "decision"  # to verdict and station_verdict
+_RENAMED_COLUMN = "decision"  # becomes ``verdict`` and ``station_verdict``
 _COLUMNS = (
     *_FIRST_COLUMNS,
     *(name for name in RESULT_COLUMNS if name not in (*_FIRST_COLUMNS, _RENAMED_COLUMN)),
@@ -103,7 +103,7 @@ _IS_LAST_OVERRIDE = same_part(_LAST_OVERRIDE, results) & (
 JOINED = results.outerjoin(_LAST_OVERRIDE, _IS_LAST_OVERRIDE)
 """The results, each with its last override."""
 COLLECTED = json.dumps([Cause.COLLECTED])
-"""The causes of a part that was collected to be taught: it has no share in a yield."""
+"""The causes of a part that was collected for teaching: yields do not count it."""
 _IN_FORCE = func.coalesce(_LAST_OVERRIDE.c.decision, results.c.decision)  # the verdict that holds
 
 
@@ -115,7 +115,7 @@ def entries(
 ) -> Iterator[HistoryEntry]:
     """Yield parts by number, each page in its own transaction.
 
-    During a transaction that waits for its reader, the write-ahead log could only grow.
+    SQLite cannot reset its write-ahead log during a transaction, which a slow reader would hold.
     """
     if newest is not None:
         with reading() as connection:
@@ -164,7 +164,7 @@ def _page(
 def part_groups(
     connection: Connection, station: str, selection: Selection, *more_columns: ColumnElement[Any]
 ) -> Sequence[Row[Any]]:
-    """Count the selected parts by verdicts; with `more_columns` also by those and by causes."""
+    """Count the selected parts by verdict; with `more_columns` also by these and by causes."""
     causes: ColumnElement[str] = cast(results.c.causes, Text)
     if not more_columns:  # a short text is compared in less time
         causes = case((causes == COLLECTED, causes), else_="")
@@ -302,7 +302,7 @@ def json_pieces(
 
 
 def counts_of(counters: Counters) -> dict[str, Any]:
-    """Return numbers of parts for JSON; those of a simulated rig apart."""
+    """Return numbers of parts for JSON; those of a simulated rig are separate."""
     return {name: vars(tally) for name, tally in vars(counters).items()}
 
 

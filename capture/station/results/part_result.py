@@ -24,30 +24,30 @@ MEASURES = (
 MAX_TEXT = 2000
 _MAX_INTEGER = 2**63 - 1  # of a column, in SQLite and in PostgreSQL
 _MAX_LENGTH = 100
-# They are also file names on every system: no leading dot, no blank.
+# Ids are also file names on every system: no leading dot, no blank.
 _PART_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
-# Devices of Windows, whatever follows their name.
+# Windows reserves the names of devices, with any suffix.
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
 _GENERATED_ID = re.compile(r"part-\d+", re.IGNORECASE)
 
 
-def made_part_id(number: int) -> str:
+def generated_part_id(number: int) -> str:
     """Return the id of a part whose trigger gave none."""
     return f"part-{number:06d}"
 
 
 def bounded_part_id(text: str) -> str:
-    """Return a text that is still no id if it is none, in little memory and without surrogates."""
+    """Shorten and escape the id of a request; an invalid id stays invalid."""
     return text[: _MAX_LENGTH + 1].encode("utf-8", "backslashreplace").decode()
 
 
 def shown_part_id(part_id: str) -> str:
-    """Return an id that may be invalid for lines of text: its beginning, escaped."""
+    """Return the beginning of an id, valid or not, escaped for a line of text."""
     return escaped(part_id[:_MAX_LENGTH])
 
 
 def require_given_part_id(part_id: str) -> str:
-    """Return the id of a trigger; it must name a file, and not look like an id of the station."""
+    """Return an id given with a trigger if it can name a file and is not of a generated form."""
     if not _PART_ID.fullmatch(part_id):
         raise InputError(
             f"part id {part_id[:_MAX_LENGTH]!r}: give 1 to 100 letters, digits, dots, dashes or "
@@ -105,7 +105,7 @@ class PartResult(LimitedMeasures):
     margin: float | None = None
     blur_px: float | None = None
     defects: tuple[DefectRecord, ...] = ()  # largest score first; those of windows last
-    # Of each light: its signal as a share of the taught signal. The albedo changes all alike.
+    # Signal of each light as a share of its taught signal; the albedo scales all of them alike.
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -128,7 +128,7 @@ class PartResult(LimitedMeasures):
 
     @cached_property
     def row(self) -> Mapping[str, Any]:
-        """The columns of the table ``results``, which CSV, JSON and MQTT show, too."""
+        """The columns of the table ``results``, which are also those of CSV, JSON and MQTT."""
         values = vars(self) | vars(self.verdict)
         return {name: _plain(name, values[name]) for name in COLUMNS}
 

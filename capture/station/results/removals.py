@@ -39,19 +39,20 @@ def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]
 
 
 def record_removals(store: ResultStore, set_files: Mapping[str, str], utc: str) -> None:
-    """Record set files (by part id) to be removed, under the caller's lock of them."""
+    """Record set files (by part id) that will be removed; the caller holds the lock of sets."""
     rows = [
         {"station": store.station, "part_id": part_id, "utc": require_utc(utc), "set_file": file}
         for part_id, file in set_files.items()
     ]
 
-    # Before the transaction, in which no part can be recorded: 0.1 s for a million earlier rows.
+    # This query takes 0.1 s with a million rows. It runs before the transaction, which blocks the
+    # recording of parts.
     with store.reading() as connection:
         batch = (connection.scalar(_last_batch(store.station)) or 0) + 1
 
     def work(connection: Connection) -> None:
-        # An earlier attempt wrote all rows or none, so one part tells. A query for all of them has
-        # another text for each number of parts, and SQLite's driver keeps 128 texts of up to 36 kB.
+        # An earlier attempt wrote all rows or none, so one part is looked up. Queries for all parts
+        # would differ by their number, and SQLite's driver would cache 128 of them, of up to 36 kB.
         is_recorded = select(removed_sets.c.part_id).where(
             removed_sets.c.station == store.station, removed_sets.c.part_id == rows[0]["part_id"]
         )

@@ -1,6 +1,6 @@
 """The tables of the results, for SQLite and PostgreSQL; rows are only ever appended.
 
-A change of a table needs a new `VERSION`: tables of another one are refused.
+A change of a table needs a new `VERSION`; a database of another version is refused.
 """
 
 from collections.abc import Iterator
@@ -42,7 +42,7 @@ from classify.base.errors import InputError
 from .part_result import COLUMNS
 
 VERSION = 9
-MADE_BY = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
+HOW_TO_MAKE = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
 
 _metadata = MetaData()
 
@@ -63,7 +63,7 @@ def _texts(*names: str) -> Iterator[Column[Any]]:
 
 
 def _request() -> Column[Any]:
-    """A random key, by which a program finds after a lost connection whether it wrote the row."""
+    """A random key: after a lost connection, the program looks whether it wrote the row."""
     return Column("request", Text, nullable=False, unique=True)
 
 
@@ -91,7 +91,7 @@ def _lower_in_postgresql(element: lower_ascii, compiler: SQLCompiler, **options:
     return f'lower({compiler.process(element.clauses, **options)} COLLATE "C")'
 
 
-# Which program brought the database to which version, and when.
+# The version of the tables, the time at which they were made and the program that made them.
 _schema_versions = Table(
     "schema_versions",
     _metadata,
@@ -106,7 +106,7 @@ stations = Table(
     *_texts("since_utc"),
 )
 
-# One row for each trigger that was taken, before the first exposure.
+# One row for each accepted trigger, written before the first exposure.
 begun_parts = Table(
     "begun_parts",
     _metadata,
@@ -164,8 +164,8 @@ refused_triggers = Table(
     PrimaryKeyConstraint("station", "position"),
 )
 
-# Set files that were removed, or are about to be, because the retention does not keep them. A
-# batch is one transaction; the files of the last one may still be there.
+# Set files that the retention removes. A batch is one transaction, written before its files are
+# removed: after an interruption, files of the last batch may still exist.
 removed_sets = Table(
     "removed_sets",
     _metadata,
@@ -202,12 +202,12 @@ def same_part(table: FromClause, other: FromClause) -> ColumnElement[bool]:
 
 def require_tables(connection: Connection, name: str) -> None:
     """Check that the tables are of this version."""
-    version_of_tables = _stored_version(connection)
-    if version_of_tables == 0:
-        raise InputError(f"{name}: holds no results; {MADE_BY}")
-    if version_of_tables != VERSION:
+    stored_version = _stored_version(connection)
+    if stored_version == 0:
+        raise InputError(f"{name}: holds no results; {HOW_TO_MAKE}")
+    if stored_version != VERSION:
         raise InputError(
-            f"{name}: its tables are of version {version_of_tables}, and this program has version "
+            f"{name}: its tables are of version {stored_version}, and this program has version "
             f"{VERSION}; use the ps4rig that made them, or begin a new database"
         )
 
@@ -244,7 +244,7 @@ def _stored_version(connection: Connection) -> int:
 def _append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) -> Iterator[str]:
     """Statements that prevent changes of a table.
 
-    ``INSERT OR REPLACE`` calls no trigger of changes, so that it is prevented by the unique `keys`.
+    SQLite fires no such trigger for ``INSERT OR REPLACE``: another one refuses used unique `keys`.
     """
     if dialect == "postgresql":
         yield (
@@ -258,12 +258,12 @@ def _append_only(dialect: str, table: str, keys: tuple[tuple[str, ...], ...]) ->
             f"CREATE TRIGGER {table}_no_{event.lower()} BEFORE {event} ON {table} "
             f"BEGIN {refusal}; END"
         )
-    same = " OR ".join(
+    has_used_key = " OR ".join(
         "(" + " AND ".join(f"{column} = NEW.{column}" for column in key) + ")" for key in keys
     )
     yield (
         f"CREATE TRIGGER {table}_no_replace BEFORE INSERT ON {table} "
-        f"WHEN EXISTS (SELECT 1 FROM {table} WHERE {same}) "
+        f"WHEN EXISTS (SELECT 1 FROM {table} WHERE {has_used_key}) "
         f"BEGIN SELECT RAISE(ABORT, '{table}: there is such a row already'); END"
     )
 

@@ -28,7 +28,7 @@ class ResultsSnapshot:
     """Contents of a copy of the results."""
 
     parts: int
-    set_files: tuple[str, ...]  # that were not removed, by number of part
+    set_files: tuple[str, ...]  # those that were not removed, in the order of parts
     chain_sha256: str  # head of the chain of hashes of the station
 
 

@@ -104,9 +104,9 @@ def counted_periods(groups: Iterable[Row[Any]], zone: tzinfo | None = None) -> l
 
 def counted_causes(groups: Iterable[Row[Any]]) -> list[CauseCount]:
     """Count the station's causes of parts that it did not pass, most frequent first."""
-    # They count also where a person changed the verdict. The first cause is the gravest; a part
-    # that is like no texture counts under its second cause, unless the power of its octaves differs
-    # too: then it is of another texture.
+    # Overrides do not matter. A part counts under its first cause, which is the gravest. A part
+    # without a matching texture counts under its second cause, which says more, unless the power of
+    # its octaves differs too: then the part is of another texture.
     parts: Counter[str] = Counter()
     for group in groups:
         if group.decision != Decision.PASS and group.causes != COLLECTED:

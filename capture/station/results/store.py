@@ -33,9 +33,15 @@ from .history import (
     entries,
     part_groups,
 )
-from .part_result import PartResult, made_part_id, require_given_part_id, result_of, storable
+from .part_result import (
+    PartResult,
+    generated_part_id,
+    require_given_part_id,
+    result_of,
+    storable,
+)
 from .schema import (
-    MADE_BY,
+    HOW_TO_MAKE,
     begun_parts,
     lower_ascii,
     make_tables,
@@ -74,7 +80,7 @@ class RefusedTrigger(NamedTuple):
 
 
 AppendRemotely = Callable[[str, list[dict[str, Any]], str | None], bool]
-"""Lets another process append rows, as `ResultStore.append_rows`; False if there is none."""
+"""Lets another process append rows like `ResultStore.append_rows`; False if no process does."""
 
 
 class ResultStore:
@@ -127,8 +133,8 @@ class ResultStore:
         require: Callable[[], None] = lambda: None,
     ) -> BegunPart:  # fmt: skip
         """Record an accepted trigger before the first exposure, and give the part its number."""
-        # After `ResultsUnavailable` the part is not begun, or `unfinished` lists it. Nor is it
-        # begun if `require` raises, which is called when the database is locked for the row.
+        # `require` is called under the lock of the station; if it raises, no row is written. After
+        # `ResultsUnavailable` the row may have been written: then `unfinished` lists the part.
         if part_id is not None:
             require_given_part_id(part_id)
         require_utc(triggered_utc)
@@ -144,7 +150,11 @@ class ResultStore:
                 _require_new_part_id(connection, self.station, part_id)
             number = self._last(connection, begun_parts.c.number) + 1
             part = BegunPart(
-                part_id or made_part_id(number), number, storable(trigger), triggered_utc, simulated
+                part_id or generated_part_id(number),
+                number,
+                storable(trigger),
+                triggered_utc,
+                simulated,
             )
             row = {"station": self.station, "request": request, **vars(part)}
             connection.execute(insert(begun_parts).values(row))
@@ -241,7 +251,7 @@ class ResultStore:
             return [_begun_part(row) for row in connection.execute(statement)]
 
     def known_ids(self, part_ids: Iterable[str]) -> set[str]:
-        """Return which of these identities belong to parts that this station has begun."""
+        """Return the ids among `part_ids` that belong to parts of this station."""
         column, texts = begun_parts.c.part_id, [storable(part_id) for part_id in part_ids]
         statement = select(column).where(begun_parts.c.station == self.station, column.in_(texts))
         with self.reading() as connection:
@@ -261,7 +271,7 @@ class ResultStore:
         return next(self.parts(Selection(part_id=part_id)), None)
 
     def counters(self, selection: Selection = EVERY_PART) -> Counters:
-        """Count the selected parts, those of a simulated rig apart."""
+        """Count the selected parts; those of a simulated rig are counted separately."""
         with self.reading() as connection:
             groups = part_groups(connection, self.station, selection)
             return counters_of(connection, self.station, selection, groups)
@@ -327,7 +337,7 @@ def open_store(
     url = database_url(results)
     if url.get_backend_name() == "sqlite":
         if not create and not Path(results).is_file():
-            raise InputError(f"{results}: no such file; {MADE_BY}")
+            raise InputError(f"{results}: no such file; {HOW_TO_MAKE}")
         writer = sqlite_engine(url, timeout_s=timeout_s, is_writer=True)
         reader = sqlite_engine(url, timeout_s=timeout_s, is_writer=False)
     else:

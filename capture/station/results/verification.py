@@ -19,18 +19,20 @@ from .store import ResultStore, open_store
 
 
 def verify_station(folder: Path, head: str | None = None) -> Iterator[FileFinding]:
-    """Compare the results of a station with the hashes and names of its set files."""
-    # `head` is a hash of its chain that was kept elsewhere, and must still be in it.
+    """Compare the results of a station with the hashes and names of its set files.
+
+    `head` is a hash that was kept elsewhere, and must be in the chain of hashes.
+    """
     # Findings about the results themselves are listed under ``station.toml``.
     try:
         config = StationFolder(folder).config
         with open_store(config.results_in(folder), config.name, exclusive=False) as store:
-            yield from _results(folder, store, head)
-    except (Ps4rigError, ValueError) as error:  # ValueError of a row that holds no JSON
+            yield from _findings(folder, store, head)
+    except (Ps4rigError, ValueError) as error:  # ValueError: a cell that is not JSON
         yield FileFinding(folder / CONFIG, "altered", f"its results cannot be read: {error}")
 
 
-def _results(folder: Path, store: ResultStore, head: str | None) -> Iterator[FileFinding]:
+def _findings(folder: Path, store: ResultStore, head: str | None) -> Iterator[FileFinding]:
     faults = [f"results: {fault}; restore a backup" for fault in _contradictions(store)]
     if head is not None:
         with store.reading() as connection:
@@ -51,13 +53,13 @@ def _results(folder: Path, store: ResultStore, head: str | None) -> Iterator[Fil
         if entry.result.set_file is not None:
             path = folder / entry.result.set_file
             recorded_paths.add(path)
-            yield from _set_file(path, entry)
+            yield from _set_findings(path, entry)
     for path in sorted((folder / PARTS).glob(f"*/*{SET_SUFFIX}")):
         if path not in recorded_paths:
             yield FileFinding(path, "not in results", "no result of the station names it")
 
 
-def _set_file(path: Path, entry: HistoryEntry) -> Iterator[FileFinding]:
+def _set_findings(path: Path, entry: HistoryEntry) -> Iterator[FileFinding]:
     if not path.is_file():
         if entry.set_removed_utc is None:
             yield FileFinding(
@@ -86,5 +88,5 @@ def _contradictions(store: ResultStore) -> Iterator[str]:
             for (answer,) in connection.exec_driver_sql("PRAGMA integrity_check"):
                 if answer != "ok":
                     yield answer
-            for table, row, parent, _ in connection.exec_driver_sql("PRAGMA foreign_key_check"):
-                yield f"row {row} of {table} refers to a row of {parent} that is missing"
+            for table, row, referenced, _ in connection.exec_driver_sql("PRAGMA foreign_key_check"):
+                yield f"row {row} of {table} refers to a row of {referenced} that is missing"
