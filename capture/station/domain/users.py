@@ -110,17 +110,17 @@ class Users:
         name: str,
         role: Role,
         password: str,
-        seen: User | None = None,
+        expected: User | None = None,
         record: Callable[[User | None], None] = lambda _: None,
     ) -> None:
-        """Add or change a user; raise Conflict if the present one is not `seen` (None: no check).
+        """Add or change a user; Conflict if the present one is not `expected` (None: no check).
 
         `record` gets the present user, or None, before the change, and may raise to prevent it.
         """
         user = User(name=name, role=role, password=self._hash(_require_account(name, password)))
         with self._file.changing():
             before, others = self._split(name)
-            if seen is not None and before != seen:
+            if expected is not None and before != expected:
                 raise Conflict(f"user {name}: was changed meanwhile; log in again")
             if len(others) >= _MAX_USERS:
                 raise Conflict(f"user {name}: there are {_MAX_USERS} users already")
