@@ -20,7 +20,8 @@ from .registers import STATES, VERDICTS, Command, Status
 
 _SCAN_S = 0.01
 _RECONNECT_S = 0.2
-# Longer than the restart of a database, and than three attempts at a set.
+# Time-out for an answer and for an exposure: longer than the restart of a database, and than three
+# attempts at a set.
 ANSWER_S = 30.0
 _RESULT_S = 60.0
 # Loading a recipe replays its challenge set if something has changed.
@@ -36,7 +37,7 @@ class Judged:
     part_id: str
     verdict: int  # code, as in the registers, like `cause`
     cause: int
-    number: int | None  # None if the PLC did not learn it
+    number: int | None  # None if the PLC rejected the part below the camera
 
 
 class _Step(Enum):
@@ -73,7 +74,7 @@ class Ladder:
         self._expected: dict[int, tuple[str, float]] = {}
 
     def scan(self, inputs: Mapping[str, Any], now_s: float) -> dict[str, Any]:
-        """Return the registers that the PLC writes, by name, after it has read the whole page."""
+        """Return the registers that the PLC writes, from those of the station; both by name."""
         if inputs["session"] != self._session:
             self._begin_session(inputs)
         status = Status(inputs["status"])
@@ -183,7 +184,7 @@ def run_ladder(
     ladder.recipe = recipe
     ladder.part_id = next_part()
     unjudged = int(ladder.part_id is not None)
-    # A part may have its result before the PLC has seen that it may move.
+    # A result can arrive before the PLC reads that the part may move.
     while unjudged > 0 or ladder.part_id is not None:
         try:
             with PlcConnection(host, port) as plc:
@@ -209,14 +210,14 @@ def main() -> None:
     parser.add_argument("--parts", type=int, default=10)
     parser.add_argument("--recipe", type=int, default=0, help="position of the recipe to load")
     parser.add_argument("--name", default="belt", help="beginning of the parts' ids")
-    given = parser.parse_args()
-    ids = (f"{given.name}-{number}" for number in range(1, given.parts + 1))
+    options = parser.parse_args()
+    ids = (f"{options.name}-{number}" for number in range(1, options.parts + 1))
     run_ladder(
-        given.host,
-        given.port,
+        options.host,
+        options.port,
         lambda: next(ids, None),
         lambda part: print(json.dumps(vars(part)), flush=True),
-        given.recipe,
+        options.recipe,
     )
 
 

@@ -1,7 +1,7 @@
 """`Handshake`: the station's side of the handshake with a PLC, without I/O.
 
-A trigger is identified by the id that the PLC gives it, a result by the number of its part. Neither
-is used twice in a session, so that an earlier answer or result is recognised.
+A trigger is identified by the id that the PLC gives it, a result by the number of its part. Both
+differ from the last ones, so that an answer or result is not taken for an earlier one.
 """
 
 from collections import deque
@@ -40,11 +40,11 @@ from .registers import (
 
 SOURCE = "modbus"
 ASKER = Asker("PLC", SOURCE)
-# With more unacknowledged results than this, the PLC does not run its program.
+# Largest number of unacknowledged results: with more, the program of the PLC does not run.
 MAX_WAITING = 16
 MAX_SESSION = (1 << 32) - 1
 _ALL_COMMANDS = Command.TRIGGER | Command.RESULTS_ACK | Command.SELECT_RECIPE
-_NUMBER_COUNT = 1 << 32  # a register has the number of a part modulo this
+_NUMBER_COUNT = 1 << 32  # registers show numbers of parts modulo this
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,11 +54,11 @@ class RecipeRequest:
     name: str
 
 
-class _Selection:
-    """The state of the last rise of SelectRecipe.
+class _RecipeSelection:
+    """The recipe that the PLC selected last, and the answer to the selection.
 
-    A recipe that is being loaded is loaded even if SelectRecipe falls; until then no other can be
-    selected.
+    If SelectRecipe falls while a recipe is being loaded, the loading goes on; no other recipe can
+    be selected before it ends.
     """
 
     def __init__(self) -> None:
@@ -70,7 +70,7 @@ class _Selection:
         self._current: RecipeRequest | None = None  # None after SelectRecipe fell
 
     def select(self, position: int, name: str | None) -> None:
-        """Handle a rise of SelectRecipe; `name` is that of the recipe, None if there is none."""
+        """Handle a rise of SelectRecipe; `name` is None if no recipe has this position."""
         self.withdraw()
         self.position = position
         if self.loading is not None:
@@ -92,7 +92,7 @@ class _Selection:
             self.error = kind
 
     def tell(self, event: RecipeLoaded) -> None:
-        """Handle a recipe that the station has loaded, for the PLC or for somebody else."""
+        """Handle the event of a loaded recipe, whoever requested it."""
         request = self.loading
         if request is not None and (event.by, event.name) == (ASKER.name, request.name):
             self.loading = None
@@ -106,7 +106,7 @@ class TriggerRequest:
     trigger_id: int
     part_id: str | None  # None lets the station make the id of the part
     recipe: str | None = None  # name of the recipe that the PLC requires; None if it requires none
-    # Reason for which the handshake refused it; None if the station must answer.
+    # Reason for which the handshake refuses it; None if the station must answer.
     refusal: str | None = None
 
 
@@ -125,7 +125,7 @@ class Handshake:
         recipes: Sequence[str] = (),
     ) -> None:
         self._session, self._plc_triggers = session, plc_triggers
-        self._station, self._recipes = station, recipes  # the state after the last event
+        self._station, self._recipes = station, recipes
         self._written = [0] * PLC_WORDS
         # The last trigger, and the trigger that the station has not answered.
         self._trigger_id = 0
@@ -133,14 +133,14 @@ class Handshake:
         self._unanswered: TriggerRequest | None = None
         self._is_accepted = False
         self._error: Refusal | None = None
-        # Number of the last part that was begun, exposed and announced.
+        # Numbers of the last parts that were begun, exposed and announced.
         self._begun = self._exposed = self._announced = 0
         self._shown_result: PartResult | None = None
         self._waiting: deque[PartResult] = deque()
         self._overruns = 0
         self._is_wrong_ack = False
-        self.heartbeat = 0  # the caller counts it up
-        self.selection = _Selection()
+        self.heartbeat = 0  # incremented by the caller
+        self.selection = _RecipeSelection()
 
     # The PLC.
 
@@ -213,7 +213,7 @@ class Handshake:
                 self._announced = result.number
                 self._add(result)
             case PartRecovered(result):
-                # Its trigger was answered, if at all, by the run that began it.
+                # This run does not answer its trigger: an earlier run began the part.
                 if result.trigger == SOURCE:
                     self._begun = self._exposed = max(self._begun, result.number)
                     self._announced = max(self._announced, result.number)
@@ -295,7 +295,7 @@ class Handshake:
         if reason is not None:
             self._error, text = reason
             return TriggerRequest(trigger_id, part_id, refusal=text)
-        # The station may have loaded another recipe for somebody else meanwhile.
+        # The station checks the recipe again: another client may have had one loaded meanwhile.
         recipe = self._name_at(inputs["recipe"])
         self._current = self._unanswered = TriggerRequest(trigger_id, part_id, recipe)
         return self._current

@@ -16,7 +16,7 @@ from .handshake import ASKER, SOURCE, Handshake, RecipeRequest, TriggerRequest
 _log = logging.getLogger(__name__)
 # Time for which the last results wait for the PLC: many scans of its program.
 _LAST_S = 3.0
-# The station's heartbeat counts up twice a second.
+# Period of the station's heartbeat.
 TICK_S = 0.5
 # Time after which an unchanged heartbeat is a fault: four times the period that the README requires
 # of a PLC.
@@ -24,9 +24,9 @@ _SILENCE_S = 8.0
 
 
 class PlcLine:
-    """A handshake for any thread, and the thread that passes triggers on.
+    """A thread-safe handshake, and a thread that passes its triggers to the station.
 
-    It ends when the PLC has acknowledged all results, or after `last_s`.
+    Its context ends when the PLC has acknowledged all results, or after `last_s`.
     """
 
     def __init__(
@@ -58,7 +58,7 @@ class PlcLine:
             loader = self._loader
         self._thread.join()
         if loader is not None:
-            # The end of the station refuses a recipe that waits, or that is still being loaded.
+            # It ends soon: a station that stops refuses a recipe that waits or is being loaded.
             loader.join()
 
     # The bus.
@@ -90,11 +90,11 @@ class PlcLine:
                 self._request = request
             elif request is not None and request.refusal is not None:
                 self._live.refuse(Trigger(SOURCE, request.part_id), request.refusal)
-            self._load(self._handshake.selection.loading)
+            self._start_loading(self._handshake.selection.loading)
             self._changed.notify_all()
 
     def tick(self, connections: int, where: str) -> None:
-        """Count the heartbeat, and show the state of the PLC; to be called each `TICK_S`."""
+        """Increment the heartbeat and show the state of the PLC; call it every `TICK_S`."""
         with self._changed:
             self._handshake.heartbeat += 1
             heartbeat = self._handshake.commands["heartbeat"]
@@ -123,17 +123,17 @@ class PlcLine:
             self._handshake.handle_answer(request, answer)
             self._changed.notify_all()
 
-    def _load(self, request: RecipeRequest | None) -> None:
-        """Pass a recipe on in a thread of its own: triggers and their refusals must not wait."""
+    def _start_loading(self, request: RecipeRequest | None) -> None:
+        """Load a recipe in a thread of its own: triggers and their refusals must not wait."""
         if request is None or request is self._loading:
             return
         self._loading = request
         self._loader = threading.Thread(
-            target=self._load_now, args=(request,), name="recipe of the PLC"
+            target=self._load_recipe, args=(request,), name="recipe of the PLC"
         )
         self._loader.start()
 
-    def _load_now(self, request: RecipeRequest) -> None:
+    def _load_recipe(self, request: RecipeRequest) -> None:
         try:
             self._live.load_recipe(request.name, ASKER)
         except Exception as error:

@@ -33,18 +33,18 @@ from .registers import PLC, PLC_ADDRESS, PLC_WORDS, STATION, STATION_WORDS, deco
 
 _log = logging.getLogger(__name__)
 _READS, _WRITES = (3, 4, 23), (6, 16, 22, 23)  # function codes
-# Largest number: for a PLC, its spare, a panel of the line and a few programs of engineers.
+# Enough for a PLC, its spare, a panel of the line and a few programs of engineers.
 MAX_CONNECTIONS = 16
 # Time of silence after which a client makes room for a new one. A PLC polls several times a second.
 IDLE_S = 10.0
 # Largest size of unread answers, about a hundred: a client with more of them does not read.
 _MAX_UNREAD_BYTES = 16 * 1024
-# A client that acknowledges nothing for this long does not read, or is gone. The bound above does
-# not detect this: Linux can drop what arrives at a full client, with the acknowledgements of the
-# client's own requests, so that neither side sends anything more.
+# A client that acknowledges nothing for this long does not read, or is gone. The bound on unread
+# answers does not detect this: Linux can drop what arrives at a full client, with the
+# acknowledgements of its own requests, so that neither side sends anything more.
 _MAX_UNACKNOWLEDGED_MS = 10_000
 _START_S = 60.0
-# Not logged: errors in the requests of a client would fill the terminal.
+# Errors in the requests of a client would fill the terminal.
 logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
 
 
@@ -161,7 +161,7 @@ class _Server(ModbusTcpServer):
         return None
 
     async def maintain(self, where: str) -> None:
-        """Count heartbeats, and close connections that do not read."""
+        """Increment the heartbeat, and close connections that do not read."""
         while True:
             transports = [connection.transport for connection in self.active_connections.values()]
             for transport in transports:
@@ -237,7 +237,7 @@ def serving_modbus(line: PlcLine, settings: ModbusConfig) -> Iterator[str]:
 
 
 def _log_failure(maintenance: asyncio.Task[None]) -> None:
-    """Log why the heartbeat stopped; the PLC notices that it did."""
+    """Log the error that stopped the heartbeat."""
     if not maintenance.cancelled() and (error := maintenance.exception()) is not None:
         _log.error("the heartbeat to the PLC stopped", exc_info=error)
 

@@ -1,4 +1,4 @@
-"""MQTT by paho: results of a station as retained JSON for a broker."""
+"""Publish the results of a station to an MQTT broker, as retained JSON."""
 
 import hashlib
 import json
@@ -35,7 +35,7 @@ class MqttPublisher:
     def __init__(self, settings: MqttConfig, log: Callable[[str], None]) -> None:
         url = urlsplit(settings.url)
         self._topic, self._log = settings.topic, log
-        self._where = f"mqtt {url.hostname}"
+        self._label = f"mqtt {url.hostname}"
         self._address = url.hostname or "", url.port or _PORTS[url.scheme]
         self._changed = threading.Condition()
         self._waiting: deque[tuple[str, str]] = deque()
@@ -46,8 +46,9 @@ class MqttPublisher:
         self._is_connected = self._is_closed = False
         self._last_logged = ""
         self._thread = threading.Thread(target=self._run, name="mqtt", daemon=True)
-        # All connections of a station use the same client id. A broker that has not noticed the
-        # loss of the earlier one then ends it, and publishes its last will before "true".
+        # All connections of a station use the same client id: a broker that has not noticed the
+        # loss of the earlier connection ends it, and publishes its last will, before it accepts
+        # the new one and its "true".
         client_id = f"ps4rig-{hashlib.sha256(settings.topic.encode()).hexdigest()[:16]}"
         self._client = Client(CallbackAPIVersion.VERSION2, client_id=client_id)
         self._client.on_connect = self._connected
@@ -74,7 +75,7 @@ class MqttPublisher:
             self._is_closed = True
             self._changed.notify_all()
         self._thread.join()
-        # Also if messages still wait: after a disconnect the broker publishes no last will.
+        # Even if messages still wait: after a disconnect the broker publishes no last will.
         self._client.publish(f"{self._topic}/online", "false", qos=1, retain=True)
         self._client.disconnect()
         self._client.loop_stop()
@@ -102,7 +103,7 @@ class MqttPublisher:
             self._dropped += 1
         self._changed.notify_all()
 
-    # The thread that sends.
+    # Called in the sending thread.
 
     def _run(self) -> None:
         while True:
@@ -116,7 +117,7 @@ class MqttPublisher:
                 self._is_sending, self._dropped = True, 0
                 self._confirmed_ids.clear()
             if dropped:
-                self._log(f"{self._where}: {dropped} messages were dropped, the oldest ones")
+                self._log(f"{self._label}: {dropped} messages were dropped, the oldest ones")
             self._send(topic, text)
 
     def _send(self, topic: str, text: str) -> None:
@@ -124,14 +125,14 @@ class MqttPublisher:
 
         After a lost connection, paho sends it again.
         """
-        # Without the lock: paho calls `_confirmed` while it holds its own.
+        # Not under our lock: paho calls `_confirmed`, which takes it, under its own lock.
         message_id = self._client.publish(topic, text, qos=1, retain=True).mid
         with self._changed:
             self._changed.wait_for(lambda: self._is_closed or message_id in self._confirmed_ids)
             self._is_sending = False
             self._changed.notify_all()
 
-    # What paho calls, from its own thread.
+    # Called by paho, in its own thread.
 
     def _confirmed(self, _client: Client, _data: Any, message_id: int, *_: Any) -> None:
         with self._changed:
@@ -142,8 +143,8 @@ class MqttPublisher:
         if reason.is_failure:
             self._log_change(f"not connected: {reason}")
             return
-        # Published at each connection. With confirmation, paho would keep one message for each
-        # connection that a broker closes before it confirms, and send them all before any result.
+        # Without confirmation: else paho would keep one message for each connection that a broker
+        # closes before it confirms, and send them all before any result.
         client.publish(f"{self._topic}/online", "true", qos=0, retain=True)
         with self._changed:
             self._is_connected = True
@@ -163,4 +164,4 @@ class MqttPublisher:
     def _log_change(self, text: str) -> None:
         if text != self._last_logged and not self._is_closed:
             self._last_logged = text
-            self._log(f"{self._where}: {text}")
+            self._log(f"{self._label}: {text}")

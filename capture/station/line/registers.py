@@ -1,4 +1,4 @@
-"""The one table of Modbus registers, from which codecs and the reference are made."""
+"""The table of Modbus registers, from which codecs and the reference are made."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from capture.station.run.states import State
 
 PAGE_VERSION = 2  # 2 has SelectRecipe
 _NO_ORIENTATION = 0xFFFF
-# Ids of the station have 13 characters, those that come with a trigger up to 100.
+# Ids given with a trigger have up to 100 characters, two in a word.
 _ID_WORDS = 50
 # A read takes up to 125 registers, a write up to 123.
 PLC_ADDRESS = 100
@@ -135,10 +135,10 @@ PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
 
 
 def registers_of(part: PartResult | None) -> _Values:
-    """Return the values that show a result, or none."""
+    """Return the values of the registers for a result, or for no result."""
     if part is None:
-        unknown = dict.fromkeys(("result_number", "verdict", "cause", "result_hash"), 0)
-        return unknown | {"orientation": _NO_ORIENTATION, "result_part_id": ""}
+        empty = dict.fromkeys(("result_number", "verdict", "cause", "result_hash"), 0)
+        return empty | {"orientation": _NO_ORIENTATION, "result_part_id": ""}
     verdict, angle_deg = part.verdict, part.orientation_deg
     return {
         "result_number": part.number,
@@ -151,7 +151,7 @@ def registers_of(part: PartResult | None) -> _Values:
 
 
 def first_digits(sha256: str | None) -> int:
-    """Return the number of the first 8 digits of a hash; 0 without one."""
+    """Return the first 8 hexadecimal digits of a hash as a number; 0 without a hash."""
     return 0 if sha256 is None else int(sha256[:8], 16)
 
 
