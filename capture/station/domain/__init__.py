@@ -1,1 +1,1 @@
-"""The recipe and the files that teaching made for it."""
+"""Configuration, recipes, verdicts, users and files of a station."""

@@ -22,7 +22,7 @@ _Surface = Annotated[str, Field(min_length=1, max_length=4096)]
 _URL = re.compile(r"postgresql(\+psycopg)?://.*", re.DOTALL)
 
 
-def _results(text: str) -> str:
+def _checked_results(text: str) -> str:
     if "://" in text and not _URL.fullmatch(text):
         raise ValueError(
             f"results = {text.partition('://')[0]!r}://...: give a file such as "
@@ -37,7 +37,7 @@ class Retention(Section):
     pass_every: int = Field(
         default=20, ge=1, le=1_000_000, description="one in so many passed parts keeps its file"
     )
-    # At least 1, because today's folder may still receive files.
+    # At least 1 day, because today's folder may still receive files.
     pass_days: float = Field(
         default=7.0, ge=1.0, le=36_500.0, description="age at which the files of others are removed"
     )
@@ -92,9 +92,9 @@ class StationConfig(Section):
         description="sim, or a rig.toml relative to the station's folder",
     )
     recipe: Name = Field(description="recipes/NAME.toml")
-    results: Annotated[str, Field(min_length=1, max_length=4096), AfterValidator(_results)] = Field(
-        default="results.sqlite", description="or postgresql://USER:PASSWORD@HOST/DATABASE"
-    )
+    results: Annotated[
+        str, Field(min_length=1, max_length=4096), AfterValidator(_checked_results)
+    ] = Field(default="results.sqlite", description="or postgresql://USER:PASSWORD@HOST/DATABASE")
     operator: Text | None = Field(
         default=None, description="person responsible for the results", examples=["Your name"]
     )
@@ -172,7 +172,7 @@ def example_config(name: str) -> str:
 def _entries(
     model: type[BaseModel], given: Mapping[str, Any], comment_mark: str = ""
 ) -> Iterator[str]:
-    """Yield all keys with their defaults, then the sections; each line after the mark."""
+    """Yield lines: all keys with their defaults, then the sections."""
     sections = []
     for key, field in model.model_fields.items():
         kinds = (field.annotation, *get_args(field.annotation))

@@ -7,11 +7,11 @@ _MAX_CHARACTERS = 500
 
 
 class NotThere(InputError):  # noqa: N818 - the state of a station, no error of the program
-    """Something that somebody named, such as a user, does not exist."""
+    """A user, client or part that a request names does not exist."""
 
 
 class Conflict(InputError):  # noqa: N818 - the state of a station, no error of the program
-    """What somebody asks does not fit the state of the station."""
+    """A request conflicts with the state of the station."""
 
 
 class RecipeError(Conflict):

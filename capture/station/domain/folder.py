@@ -59,7 +59,7 @@ class StationFolder:
         return RecipeFolder(self.path / RECIPES / f"{name}.toml", self.path / RECIPES / name)
 
     def has_sets(self) -> bool:
-        """Whether sets of parts exist. A new database would overwrite them: it counts from 1."""
+        """Whether sets of parts exist; a new database counts from 1 and would overwrite them."""
         return any(self.parts.glob(f"*/*{SET_SUFFIX}"))
 
     def log(self, line: str) -> None:
@@ -113,7 +113,7 @@ class _LastRecipe(Record):
 def first_recipe(folder: StationFolder) -> str:
     """Return the recipe of the next run: the last loaded one.
 
-    If `recipe` in ``station.toml`` was changed since, it is that one.
+    It is `recipe` of ``station.toml`` if that was changed since.
     """
     path, configured = folder.path / LAST_RECIPE, folder.config.recipe
     if not path.exists():

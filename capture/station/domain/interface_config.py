@@ -165,7 +165,7 @@ def listening_socket(
 ) -> socket.socket:
     """Listen on a port (0: a free one) that no other program uses.
 
-    All options are set before, because connections inherit them.
+    All options are set before it listens, because connections inherit them.
     """
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)

@@ -18,7 +18,7 @@ _Positive = Annotated[float, Field(gt=0.0, le=1e6)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Pixels = Annotated[int, Field(ge=0)]
 Side = Literal["at least", "at most"]
-"""The values that a bound allows."""
+"""Side of a bound on which values are allowed."""
 _Range = tuple[Annotated[float, Field(ge=0.0)], _Positive]
 
 
@@ -27,8 +27,8 @@ class LimitedMeasures:
     """Measures of a part, each with a limit in `Limits`; None for what was not measured."""
 
     sdq: float | None = None
-    shadow_fraction: float | None = None  # shares of the region
-    unmeasured_fraction: float | None = None
+    shadow_fraction: float | None = None  # share of the region
+    unmeasured_fraction: float | None = None  # share of the region
     albedo: float | None = None
     # Median standard deviation of the normal in degrees; measured only if it has a limit.
     angle_sd: float | None = None
@@ -51,7 +51,7 @@ class LimitRow:
     format_spec: str  # of measure and limit, such as ``.2f``
     of_teaching: bool = False  # whether teaching measures the limit
     in_reason: bool = False  # whether the reason of a PASS names the measure
-    measure: str = ""  # the field that it bounds, by default that of its own name
+    measure: str = ""  # field of `LimitedMeasures`; empty if it has the name of the limit
 
     def bounds(self, limit: float | _Range) -> Iterator[tuple[Side, float]]:
         """Yield the bounds of a limit."""
@@ -79,7 +79,7 @@ def excess_text(value: float, side: Side, bound: float, format_spec: str) -> str
 
 
 class Limits(Section):
-    """Limits of a part that passes; None sets no limit. Each key has its row."""
+    """Limits of a part that passes, each with its row; None sets no limit."""
 
     distance: Annotated[
         _Positive | None,
@@ -199,7 +199,7 @@ class GeneralLimits(Limits):
     unjudged_px: _Pixels = 255
 
 
-# Numbers of a match, which is no field of `LimitedMeasures`; the library bounds distance and margin
+# Limits of fields of a match, which `LimitedMeasures` lacks; the library bounds distance and margin
 # as well.
 _MATCH_FIELDS = ("distance", "margin", "blur_px")
 ROWS = {

@@ -13,7 +13,7 @@ except ImportError:  # Windows
 
 SESSIONS = "sessions.json"
 SECRETS = ("users.json", "tokens.json", SESSIONS)
-# Rights of others, and of the group to write.
+# All permissions of others, and the group's permission to write.
 _TOO_OPEN = 0o027
 
 
@@ -25,14 +25,14 @@ def make_files_private() -> None:
 def require_own_folder(folder: Path) -> None:
     """Check that a station's folder belongs to this user, and that no link lies in it."""
     if not folder.is_dir():
-        return  # whoever reads it says so
+        return  # reading its configuration raises an error
     owner = folder.stat().st_uid
     if pwd is not None and owner != os.geteuid():
         raise InputError(
             f"{folder}: belongs to {user_name(owner)}, and this is {user_name(os.geteuid())}; run "
             f"the command as its owner: sudo -u {user_name(owner)} ps4rig ..."
         )
-    for path in _settings(folder):
+    for path in _checked_paths(folder):
         refuse_link(path)
 
 
@@ -46,22 +46,22 @@ def refuse_link(path: Path) -> None:
 
 
 def too_open(folder: Path) -> list[Path]:
-    """Return what others may read or the group may change; files with secrets are the owner's."""
+    """Return paths with too many permissions; files with secrets are for the owner alone."""
     return [
         path
-        for path in (folder, *_settings(folder))
+        for path in (folder, *_checked_paths(folder))
         if path.stat().st_mode & (0o077 if path.name in SECRETS else _TOO_OPEN)
     ]
 
 
-def _settings(folder: Path) -> Iterator[Path]:
-    """Entries of the folder, and recipes; nobody else can reach what lies below."""
+def _checked_paths(folder: Path) -> Iterator[Path]:
+    """Yield the entries of the folder, and the recipes."""
     yield from sorted(folder.iterdir())
     yield from sorted((folder / "recipes").glob("*"))
 
 
 def user_name(number: int) -> str:
-    """Return the name of a user of the system, or the number of one that it does not list."""
+    """Return the name of a user of the system, or ``user N`` if the system lists none."""
     try:
         return pwd.getpwuid(number).pw_name
     except KeyError:

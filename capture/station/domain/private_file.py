@@ -54,7 +54,7 @@ class PrivateFile(Generic[_Model]):
     def write(self, value: _Model) -> None:
         """Replace the file; only its owner may read it."""
         with durable_file(self._path) as temporary:
-            temporary.chmod(OWNER_ONLY)  # before there is anything in it
+            temporary.chmod(OWNER_ONLY)  # before it has contents
             temporary.write_text(value.model_dump_json(indent=1) + "\n", encoding="utf-8")
 
     def _read(self) -> _Model:

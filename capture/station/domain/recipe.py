@@ -37,7 +37,7 @@ class Orientation(Section):
 
 
 class Region(Section):
-    """Judged part of the image, in px: column and row of its top left corner, size."""
+    """Judged region of the image, in px: column and row of its top left corner, size."""
 
     x: int = Field(ge=0, le=32767, description="column of its corner")
     y: int = Field(ge=0, le=32767, description="row of its corner")

@@ -106,7 +106,7 @@ def _toml(value: object) -> str:
 
 
 class _PathIn:
-    """A path in the `folder` of the object whose attribute it is."""
+    """Descriptor of a path in the `folder` of its owner."""
 
     def __init__(self, name: str) -> None:
         self._name = name

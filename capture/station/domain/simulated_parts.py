@@ -33,7 +33,7 @@ class SimulatedPart:
 
 
 def simulated_part(parts: SimulatedParts, number: int, frame_px: int) -> SimulatedPart:
-    """Return the part with a number: the same one each time, also after a restart."""
+    """Return the part with a number, which is the same in every run."""
     draw = random.Random(f"{parts.seed} {number}")
     is_other = draw.random() < parts.share_other
     surface = draw.choice(parts.others if is_other else parts.surfaces)
@@ -46,7 +46,7 @@ def simulated_part(parts: SimulatedParts, number: int, frame_px: int) -> Simulat
         surface=surface,
         rotate_deg=draw.choice(parts.orientations_deg) if parts.orientations_deg else any_deg,
         shift_px=shift_px,
-        # One realisation of a synthetic surface: a new one takes ten times as long to render.
+        # All parts show one realisation of a surface: another takes ten times as long to render.
         seed=parts.seed,
         defects=defects,
     )
@@ -60,12 +60,12 @@ def _defect(
     shift_px: tuple[float, float],
     frame_px: int,
 ) -> Defect:
-    """A defect within the frame, which shows the part around `shift_px`."""
+    """Draw a defect that lies within a frame around `shift_px`."""
     kind = draw.choice(parts.defects)
     size_px = min(max(frame_px * draw.uniform(*_SIZE_SHARES), _SIZES_PX[0]), _SIZES_PX[1])
     half_px = frame_px * _MIDDLE_SHARE / 2.0
-    strangers = [other for other in (*parts.others, *parts.surfaces) if other != surface]
-    if kind == "foreign" and not strangers:
+    other_surfaces = [other for other in (*parts.others, *parts.surfaces) if other != surface]
+    if kind == "foreign" and not other_surfaces:
         kind = "missing"
     return Defect(
         kind=kind,
@@ -75,7 +75,7 @@ def _defect(
         depth_px=min(size_px * draw.uniform(*_DEPTH_PER_SIZE), _DEEPEST_PX),
         angle_deg=draw.uniform(0.0, 180.0),
         contrast=draw.uniform(*_CONTRASTS),
-        surface=draw.choice(strangers) if kind == "foreign" else None,
+        surface=draw.choice(other_surfaces) if kind == "foreign" else None,
     )
 
 

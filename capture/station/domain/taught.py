@@ -41,23 +41,23 @@ class LeastFound(Record):
         return self.kind == "stain"
 
     def __str__(self) -> str:
-        what = f"a {self.kind} {self._length(self.size_px)} wide"
+        defect = f"a {self.kind} {self._length(self.size_px)} wide"
         strength = self.strongest if self.strength is None else self.strength
-        how = f"{strength:.0%} darker" if self.is_stain else f"{self._length(strength)} deep"
+        extent = f"{strength:.0%} darker" if self.is_stain else f"{self._length(strength)} deep"
         if self.strength is None:
-            return f"{what} is not found in 9 of 10 places, even if {how}"
-        return f"{what} must be {how} to be found in 9 of 10 places"
+            return f"{defect} is not found in 9 of 10 places, even if {extent}"
+        return f"{defect} must be {extent} to be found in 9 of 10 places"
 
     def fields(self) -> dict[str, Any]:
-        """Return it as fields of JSON; a depth or contrast of null is not found."""
-        unit = "contrast" if self.is_stain else "depth_px"
-        found = {"kind": self.kind, "size_px": self.size_px, unit: self.strength}
+        """Return the fields of JSON; depth or contrast are null if no strength is found."""
+        strength_key = "contrast" if self.is_stain else "depth_px"
+        fields = {"kind": self.kind, "size_px": self.size_px, strength_key: self.strength}
         if self.mm_per_px is not None:
-            found["size_mm"] = self.size_px * self.mm_per_px
+            fields["size_mm"] = self.size_px * self.mm_per_px
             if not self.is_stain:
                 strength = self.strength
-                found["depth_mm"] = None if strength is None else strength * self.mm_per_px
-        return found | {"text": str(self)}
+                fields["depth_mm"] = None if strength is None else strength * self.mm_per_px
+        return fields | {"text": str(self)}
 
     def _length(self, length_px: float) -> str:
         if self.mm_per_px is None:
@@ -86,7 +86,7 @@ class TaughtTexture(Record):
     defects_sha256: Sha256 | None = None
     pieces_file: Name | None = None
     pieces_sha256: Sha256 | None = None
-    # By the defect map, at the limits that were taught; empty for a texture that does not pass.
+    # By the defect map at the taught limits; empty for a texture that does not pass.
     least_found: tuple[LeastFound, ...] = ()
 
 
@@ -114,16 +114,16 @@ class Taught(Record):
 
     @property
     def least_found_fields(self) -> list[dict[str, Any]]:
-        """The same as fields of JSON."""
+        """The entries of `least_found` as fields of JSON, each with its texture."""
         return [
-            {"texture": name} | least_found.fields()
-            for name, found in self.least_found.items()
-            for least_found in found
+            {"texture": name} | defect.fields()
+            for name, defects in self.least_found.items()
+            for defect in defects
         ]
 
     @property
     def sha256(self) -> str:
-        """Hash of all fields, which the recipe names."""
+        """Hash of all fields; `Recipe.taught` holds it."""
         return fields_sha256(self.model_dump(mode="json"))
 
 
@@ -155,13 +155,13 @@ def taught_for(recipe: Recipe, files: RecipeFolder) -> Taught:
             "correct pass, or run ps4rig station teach"
         )
     for name in recipe.passes:
-        _models_of(recipe, taught, name)
+        _model_files(recipe, taught, name)
     return taught
 
 
 @dataclass(frozen=True, eq=False)
 class TextureModels:
-    """What teaching learned of one texture that passes."""
+    """The models of one texture that passes."""
 
     defects: DefectModel
     pieces: PieceModel
@@ -169,7 +169,7 @@ class TextureModels:
 
 def models_of(files: TaughtFiles, recipe: Recipe, taught: Taught, texture: str) -> TextureModels:
     """Load the models of a texture that passes."""
-    (defects_file, defects_sha256), (pieces_file, pieces_sha256) = _models_of(
+    (defects_file, defects_sha256), (pieces_file, pieces_sha256) = _model_files(
         recipe, taught, texture
     )
     defects = DefectModel.load(files.folder / defects_file)
@@ -187,7 +187,7 @@ def check_unchanged(recipe: Recipe, path: Path, sha256: str, taught: str) -> Non
         )
 
 
-def _models_of(
+def _model_files(
     recipe: Recipe, taught: Taught, texture: str
 ) -> tuple[tuple[str, str], tuple[str, str]]:
     """File and hash of the defect model of a texture, and of its piece model."""

@@ -17,7 +17,7 @@ from .users import Role, require_name
 
 _FILE = "tokens.json"
 _MAX_CLIENTS = 1000
-_PREFIX = "ps4_"  # tools that look for secrets in repositories find it
+_PREFIX = "ps4_"  # by which scanners for secrets recognise a token
 _SECRET_BYTES = 32  # random bytes of a token
 
 
@@ -26,7 +26,7 @@ class _Client(Section):
 
     name: Name
     role: Role = Field(strict=False)
-    # Of its token; a plain hash is enough, because nobody can try 2**256 tokens.
+    # Hash of its token, without salt or stretching: nobody can try 2**256 tokens.
     sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
     created_utc: str = Field(max_length=40)
 
@@ -47,7 +47,7 @@ class Tokens:
 
     def find(self, token: str) -> _Client | None:
         """Return the client of a token."""
-        # Hashes are compared: the time reveals nothing of the token.
+        # The time of comparing hashes reveals nothing of the token.
         digest = _sha256(token)
         clients = (client for client in self._file.read().clients if client.sha256 == digest)
         return next(clients, None)

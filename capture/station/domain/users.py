@@ -25,8 +25,8 @@ _FILE = "users.json"
 _MAX_USERS = 1000
 # NIST SP 800-63B, 5.1.1: at least 8 characters, and a limit of 64 or more; no other rules.
 MIN_PASSWORD_LENGTH, MAX_PASSWORD_LENGTH = 8, 256
-# The user of the line's screens, whose password is a PIN. Five tries a minute find one of 6 digits
-# in 70 days on average.
+# The user of the line's screens, whose password is a PIN. Five attempts a minute find a PIN of 6
+# digits in 70 days on average.
 KIOSK = "kiosk"
 _PIN = re.compile(r"[0-9]{6,12}")
 # The defaults of argon2-cffi are the second recommendation of RFC 9106: 64 MiB, 3 passes.
@@ -92,7 +92,7 @@ class Users:
 
     def __init__(self, folder: Path) -> None:
         self._file = PrivateFile(folder / _FILE, _File)
-        # One hash at a time: each takes 64 MiB and a core for 50 ms.
+        # One hash at a time: each takes 64 MiB and about 0.2 s of processor time.
         self._hashing = threading.Lock()
         # Verified for an unknown name, so that the time does not reveal which names exist.
         self._dummy_hash = ""
@@ -102,7 +102,7 @@ class Users:
         return tuple(sorted(self._file.read().users, key=lambda user: user.name))
 
     def get(self, name: str) -> User | None:
-        """Return the user of a name."""
+        """Return the user with this name."""
         return next((user for user in self.all() if user.name == name), None)
 
     def put(
@@ -153,7 +153,7 @@ class Users:
         return user
 
     def _split(self, name: str) -> tuple[User | None, tuple[User, ...]]:
-        """Return the user of a name, and all others."""
+        """Return the user with this name, and all others."""
         users = self.all()
         others = tuple(user for user in users if user.name != name)
         return next((user for user in users if user.name == name), None), others

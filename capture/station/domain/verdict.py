@@ -15,7 +15,7 @@ class Decision(StrEnum):
     ERROR = "ERROR"
 
 
-# A 64-bit float has 17 digits.
+# Significant digits that distinguish all 64-bit floats.
 _MAX_DIGITS = 17
 # Codes of causes for a PLC, by verdict, the gravest first.
 _CODES = {
@@ -83,7 +83,7 @@ class Cause(StrEnum):
 
     @classmethod
     def named(cls, name: str) -> Self:
-        """Return the cause of a name."""
+        """Return the cause with this name."""
         return cls(name)  # type: ignore[call-arg]  # a look-up, not a row
 
 
@@ -101,7 +101,7 @@ class Verdict:
 
 
 def distinct_texts(value: float, bound: float, format_spec: str) -> tuple[str, str]:
-    """Return two numbers as texts, with more digits than `format_spec` until they differ."""
+    """Return two numbers as texts, with as many digits more as they need to differ."""
     digits, kind = int(format_spec[1:-1]), format_spec[-1]
     if math.isfinite(value) and value != bound:
         while digits < _MAX_DIGITS and f"{value:.{digits}{kind}}" == f"{bound:.{digits}{kind}}":
