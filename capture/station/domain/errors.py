@@ -6,7 +6,7 @@ from classify.base.errors import InputError, Ps4rigError
 _MAX_CHARACTERS = 500
 
 
-class NotThere(InputError):  # noqa: N818 - the state of a station, no error of the program
+class NotFound(InputError):  # noqa: N818 - the state of a station, no error of the program
     """A user, client or part that a request names does not exist."""
 
 

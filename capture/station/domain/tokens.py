@@ -11,7 +11,7 @@ from capture.base.names import Name
 from capture.base.utc_time import utc_text
 from classify.base.models import Section, validated
 
-from .errors import Conflict, NotThere
+from .errors import Conflict, NotFound
 from .private_file import PrivateFile
 from .users import Role, require_name
 
@@ -78,7 +78,7 @@ class Tokens:
             removed = next((client for client in clients if client.name == name), None)
             if removed is None:
                 text = f"client {name[:100]}: no such client; see ps4rig station token list"
-                raise NotThere(text)
+                raise NotFound(text)
             record(removed)
             self._file.write(_File(clients=others))
 

@@ -18,7 +18,7 @@ from capture.base.names import Name, file_name
 from classify.base.errors import InputError
 from classify.base.models import Section
 
-from .errors import Conflict, NotThere
+from .errors import Conflict, NotFound
 from .private_file import PrivateFile
 
 _FILE = "users.json"
@@ -133,7 +133,7 @@ class Users:
         with self._file.changing():
             user, others = self._split(name)
             if user is None:
-                raise NotThere(f"user {name[:100]}: no such user; see ps4rig station user list")
+                raise NotFound(f"user {name[:100]}: no such user; see ps4rig station user list")
             _require_administrator(others, user)
             record(user)
             self._file.write(_File(users=others))

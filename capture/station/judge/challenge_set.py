@@ -11,7 +11,7 @@ from pydantic import Field
 from capture.base.folder_lock import folder_lock
 from capture.base.names import Name
 from capture.sets.captured_set import LoadedSet
-from capture.station.domain.errors import NotThere, RecipeError
+from capture.station.domain.errors import NotFound, RecipeError
 from capture.station.domain.verdict import Decision
 from classify.base.durable_file import durable_file, make_folder
 from classify.base.models import Section, read_toml_as, validated
@@ -104,7 +104,7 @@ def _is_copied(path: Path, copy: Path) -> bool:
 
 def remove_from_challenge(folder: Path, file: str, record: _RecordChange = lambda *_: None) -> None:
     """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`."""
-    not_listed = NotThere(f"{file[:100]!r} is not in the challenge set")
+    not_listed = NotFound(f"{file[:100]!r} is not in the challenge set")
     if not folder.is_dir():  # without it there is no lock file
         raise not_listed
     with folder_lock(folder, _LOCK):

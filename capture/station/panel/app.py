@@ -15,7 +15,7 @@ from starlette.middleware import Middleware
 from starlette.middleware.exceptions import ExceptionMiddleware
 from starlette.staticfiles import StaticFiles
 
-from capture.station.domain.errors import Conflict, NotThere
+from capture.station.domain.errors import Conflict, NotFound
 from capture.station.panel import (
     accounts,
     api,
@@ -130,7 +130,7 @@ def _status_of(request: Request, error: Exception) -> tuple[int, str, dict[str, 
             return status, "; ".join(map(_fault, faults)), {}
         case ResultsUnavailable():
             return 503, str(error), {"Retry-After": "2"}
-        case NotThere():
+        case NotFound():
             return 404, str(error), {}
         case InputError() if not isinstance(error, Conflict):
             return 400, str(error), {}

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from capture.station.domain.errors import Conflict, NotThere
+from capture.station.domain.errors import Conflict, NotFound
 from capture.station.domain.verdict import Decision
 from capture.station.judge.challenge import Replay
 from capture.station.judge.challenge_set import Expected
@@ -79,7 +79,7 @@ def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:
     for part_id in dict.fromkeys(part_ids):
         entry = store.part(part_id)
         if entry is None:
-            raise NotThere(f"part {part_id[:100]}: there is no result of it")
+            raise NotFound(f"part {part_id[:100]}: there is no result of it")
         if entry.result.exposed_utc is None or entry.result.verdict.decision is Decision.ERROR:
             raise Conflict(f"part {part_id}: is ERROR; its set cannot be relied on")
         try:
