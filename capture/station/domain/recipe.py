@@ -48,7 +48,7 @@ class Region(Section):
         return f"{self.width} x {self.height} px at column {self.x}, row {self.y}"
 
 
-class Light(Section):
+class CameraSettings(Section):
     """Settings of the camera for this recipe; None leaves those of ``rig.toml``."""
 
     exposure_ms: Annotated[float, Field(gt=0.0, le=10_000.0)] | None = Field(
@@ -129,7 +129,9 @@ class Recipe(Section):
     region: Region | None = Field(
         default=None, description="part of the image that is judged; teach again after a change"
     )
-    light: Light = Field(default=Light(), description="settings of the camera for this recipe")
+    light: CameraSettings = Field(
+        default=CameraSettings(), description="settings of the camera for this recipe"
+    )
     calibration: CalibrationRule = Field(
         default=CalibrationRule(), description="whether a calibration is required"
     )

@@ -16,7 +16,7 @@ from classify.base.regular_file import open_regular_file
 
 from .errors import RecipeError
 from .limits import Limits
-from .recipe import Approval, CalibrationRule, Light, Orientation, Recipe, Region
+from .recipe import Approval, CalibrationRule, CameraSettings, Orientation, Recipe, Region
 
 SUFFIX = ".toml"
 
@@ -30,7 +30,7 @@ _HEAD = """\
 # ps4rig station approve DIR --recipe {name} --by WHO
 """
 _MODELS: tuple[type[Section], ...] = (
-    Approval, CalibrationRule, Light, Region, Limits, Orientation, Recipe,
+    Approval, CalibrationRule, CameraSettings, Region, Limits, Orientation, Recipe,
 )  # fmt: skip
 COMMENTS = {
     field.alias or name: field.description or ""

@@ -9,7 +9,13 @@ from typing import Any, Literal
 import numpy as np
 
 from capture.station.domain.limits import RANGES, ROWS, GeneralLimits, Limits
-from capture.station.domain.recipe import CalibrationRule, Light, Orientation, Recipe, Region
+from capture.station.domain.recipe import (
+    CalibrationRule,
+    CameraSettings,
+    Orientation,
+    Recipe,
+    Region,
+)
 from capture.station.domain.recipe_file import COMMENTS, SECTIONS
 from capture.station.judge.recipe_settings import Place, dotted
 from classify.base.models import Section
@@ -18,7 +24,7 @@ _MODELS: dict[str, type[Section]] = {
     "orientation": Orientation,
     "limits": GeneralLimits,
     "region": Region,
-    "light": Light,
+    "light": CameraSettings,
     "calibration": CalibrationRule,
 }
 _TEXTS = ("note", "acknowledged")
