@@ -1,4 +1,4 @@
-"""Known parts of a simulated rig, good and bad ones, each presented several times."""
+"""Gauge study on a simulated rig: known parts, good and bad, each presented several times."""
 
 import random
 from collections.abc import Iterator
@@ -17,7 +17,7 @@ from rig import Placement, Rig, RigConfig, open_rig
 from .gauge import Presentation
 from .inspector import Inspector
 
-# Errors of putting a part back by hand: the angle as in `capture/session/measures.py`.
+# Largest errors of putting a part back by hand, with the overlay of the preview.
 _PLACEMENT_DEG, _PLACEMENT_PX = 2.0, 5.0
 # A third to a half of the parts of a study should be bad (AIAG).
 _SHARE_DEFECTIVE, _SHARE_OTHER = 0.4, 0.1
@@ -33,7 +33,7 @@ class _KnownPart:
 
 
 def known_parts(feed: SimulatedParts, count: int, frame_px: int) -> list[_KnownPart]:
-    """Return parts of the feed of a station, of which about half are bad."""
+    """Return parts of the feed of a station, up to half of them bad."""
     shares = {
         "share_defective": _SHARE_DEFECTIVE if feed.defects else 0.0,
         "share_other": _SHARE_OTHER if feed.others else 0.0,
@@ -59,8 +59,7 @@ def present(
             "the rig is real; present known parts to ps4rig station run, and give their list"
         )
     draw = random.Random(seed)
-    settings = inspector.recipe.light.model_dump(exclude_none=True)
-    config = rig_config.with_changes(camera=settings) if settings else rig_config
+    config = rig_config.with_changes(camera=inspector.recipe.light.of_camera)
     calibration = None if inspector.calibration is None else inspector.calibration.file
     with open_rig(config) as rig:
         for _ in range(times):
