@@ -125,7 +125,7 @@ class RecipeFolder:
     challenge = _PathIn("challenge")  # the challenge set
     replay = _PathIn("challenge.json")  # outcome of the last replay of the challenge set
     gauge = _PathIn("gauge.json")  # report of the last gauge study
-    faults = _PathIn("faults.json")  # outcome of the last study of faults that nobody configured
+    faults = _PathIn("faults.json")  # outcome of the last fault study
 
     @property
     def name(self) -> str:

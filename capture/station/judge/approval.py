@@ -40,7 +40,7 @@ def approve(
 
 
 def require_unchanged(recipe: Recipe, seen_sha256: str | None) -> None:
-    """Check that a recipe still has the hash that its editor saw; None skips the check."""
+    """Check that a recipe still has the hash that its editor saw; None: no check."""
     if seen_sha256 is not None and recipe.sha256 != seen_sha256:
         raise RecipeError(
             f"recipe {recipe.name}: was changed by somebody else since you saw it; look at it again"

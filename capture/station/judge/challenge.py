@@ -1,4 +1,4 @@
-"""Replay the challenge set of a recipe, and require that before the recipe runs."""
+"""Replay the challenge set of a recipe, which a recipe must meet before it runs."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -20,7 +20,7 @@ from .challenge_set import MAX_SETS, Expected, read_challenge
 from .fingerprint import Fingerprint
 from .inspector import Inspector
 
-# 10,000 parts of 600 bytes.
+# Largest replay: 10,000 parts take 600 bytes each.
 _MAX_BYTES = 1 << 23
 
 
@@ -28,8 +28,8 @@ class PartOutcome(Record):
     """The verdict on a part of a challenge, and the one that it must get."""
 
     file: str
-    file_sha256: str | None = None  # None if the file could not be read
-    pixels_sha256: str | None  # likewise
+    file_sha256: str | None = None  # both hashes are None if the file could not be read
+    pixels_sha256: str | None
     expected: Expected
     found: Decision
     reason: str
@@ -46,7 +46,7 @@ class PartOutcome(Record):
 
 
 class Replay(Record):
-    """The outcome of a replay, with hashes of all that the verdicts depend on."""
+    """The outcome of a replay, with hashes of everything that the verdicts depend on."""
 
     format: Literal["ps4rig-challenge"] = "ps4rig-challenge"
     version: Literal[1] = 1
@@ -70,9 +70,10 @@ def replay_challenge(
     for file, expected in read_challenge(files.challenge).sets.items():
         raise_if_cancelled()
         path = files.challenge / file
-        # Hashed before the set is read: a set that is exchanged in between is replayed again.
+        # Hashed before the set is read: if a set is exchanged in between, the hash does not match,
+        # and the challenge is replayed again.
         sha256 = _sha256(path)
-        verdict, pixels_sha256 = _replayed(path, inspector)
+        verdict, pixels_sha256 = _verdict_on(path, inspector)
         yield PartOutcome(
             file=file,
             file_sha256=sha256,
@@ -106,9 +107,10 @@ def require_challenge(
 ) -> Replay:
     """Raise ChallengeFailed unless the recipe of an inspector meets the challenge.
 
-    The last valid replay counts; without one, the challenge is replayed.
+    A valid replay counts if a part that must pass, and the parts before it, still get their
+    verdicts; otherwise the whole challenge is replayed.
     """
-    # Every file is hashed now, even if its times are unchanged.
+    # Hash every file again, even if its times are unchanged.
     _known_sha256.cache_clear()
     replay = valid_replay(files, inspector.fingerprint, raise_if_cancelled)
     outcomes = replay_challenge(files, inspector, raise_if_cancelled)
@@ -126,6 +128,7 @@ def require_challenge(
 
 
 def _up_to_a_good_part(outcomes: Iterator[PartOutcome]) -> list[PartOutcome]:
+    """Take outcomes up to the first part that must pass."""
     judged = []
     for outcome in outcomes:
         judged.append(outcome)
@@ -140,7 +143,8 @@ def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:
     return replay is not None and not replay.regressions
 
 
-def _replayed(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
+def _verdict_on(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
+    """Judge a set as if it was captured now; return also the hash of its pixels."""
     pixels_sha256 = None
     try:
         captured = CapturedSet.load(path)
@@ -174,7 +178,7 @@ def valid_replay(
 
 
 def _sha256(path: Path) -> str | None:
-    """Hash of a file; None if it cannot be read."""
+    """SHA-256 of a file, from the cache if its status is unchanged; None if it is unreadable."""
     try:
         status = path.stat()
         return _known_sha256(

@@ -70,7 +70,7 @@ def add_to_challenge(
     expected: Expected,
     record: _RecordChange = lambda *_: None,
 ) -> None:
-    """Copy sets into a challenge; known ones get the new verdict.
+    """Copy sets into a challenge; those that are in it get the new expected verdict.
 
     `record` is called for each change before the first one is made. If it raises, nothing changes.
     """
@@ -103,7 +103,7 @@ def _is_copied(path: Path, copy: Path) -> bool:
 
 
 def remove_from_challenge(folder: Path, file: str, record: _RecordChange = lambda *_: None) -> None:
-    """Take a set out of a challenge; its file stays. `record` is that of `add_to_challenge`."""
+    """Take a set out of a challenge; its file stays. `record` as for `add_to_challenge`."""
     not_listed = NotFound(f"{file[:100]!r} is not in the challenge set")
     if not folder.is_dir():  # without it there is no lock file
         raise not_listed

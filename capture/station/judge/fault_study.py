@@ -1,4 +1,4 @@
-"""Which faults that nobody configured a recipe finds, and from which strength on."""
+"""Fault study: which faults, made from images of good parts, a recipe finds, and how strong."""
 
 import math
 import random
@@ -35,7 +35,7 @@ _MAX_BYTES = 1 << 20
 _Images = npt.NDArray[np.float32]
 _Unit = Literal["of the frame", "of the taught value"]
 
-# Shares of the frame's shorter side; the last one is the size that every recipe must find.
+# Sizes of faults as shares of the frame's shorter side; every recipe must find the last one.
 _SIZES = (0.06, 0.1, 0.2)
 _CONTRAST = 0.3  # of a stain
 _DEPTH_PER_SIZE = 0.1  # of a dent
@@ -54,15 +54,16 @@ class Place:
 
 @dataclass(frozen=True)
 class _MadeFault:
-    """A kind of fault with three strengths, made from images without ambient light."""
+    """A kind of fault with three strengths."""
 
     name: str
     unit: _Unit  # of a strength: size of the fault, or factor of the whole part
     strengths: tuple[float, float, float]
-    # From images, tilts of lights in deg, strength, place; None where the lights forbid it.
+    # Makes images with the fault from images without ambient light, tilts of the lights in degrees,
+    # strength and place; None if the lights do not allow the fault.
     make: Callable[[_Images, npt.NDArray[np.float64], float, Place], _Images | None]
-    needs_handedness: bool = False  # cannot be seen on a texture that looks like its mirror image
-    needs_direction: bool = False  # need not be seen on a texture that looks alike at 90 degrees
+    needs_handedness: bool = False  # invisible on a texture that looks like its mirror image
+    needs_direction: bool = False  # hardly visible on a texture that looks alike at 90 degrees
 
     @property
     def is_local(self) -> bool:
@@ -73,7 +74,7 @@ class _MadeFault:
 def with_fault(
     captured: CapturedSet, fault: _MadeFault, strength: float, place: Place
 ) -> CapturedSet | None:
-    """The set of a good part with a fault; None where its lights do not allow it."""
+    """Return the set of a good part with a fault; None if its lights do not allow the fault."""
     dark = 0.0 if captured.ambient is None else captured.ambient.astype(np.float32)
     signals = captured.images.astype(np.float32) - dark
     changed = fault.make(signals, captured.lighting.tilts_deg, strength, place)
@@ -84,6 +85,7 @@ def with_fault(
 
 
 def _from_middle(images: _Images, place: Place) -> tuple[_Images, _Images]:
+    """Coordinates in px from the middle of a fault, x to the right and y up."""
     rows, columns = images.shape[1:]
     x = np.arange(columns, dtype=np.float32) - np.float32(0.5 * (columns - 1) + place.x_px)
     y = np.float32(0.5 * (rows - 1) - place.y_px) - np.arange(rows, dtype=np.float32)
@@ -141,7 +143,7 @@ def _dent(images: _Images, tilts_deg: Any, size: float, place: Place) -> _Images
 
 
 def _rotated(images: _Images, tilts_deg: Any, size: float, place: Place) -> _Images | None:
-    lights = _lights(tilts_deg, lambda tilt_deg: tilt_deg - 90.0)
+    lights = _source_lights(tilts_deg, lambda tilt_deg: tilt_deg - 90.0)
     if lights is None:
         return None
     side = _side_px(images)
@@ -152,15 +154,18 @@ def _rotated(images: _Images, tilts_deg: Any, size: float, place: Place) -> _Ima
 
 
 def _mirrored(images: _Images, tilts_deg: Any, size: float, place: Place) -> _Images | None:
-    lights = _lights(tilts_deg, lambda tilt_deg: 180.0 - tilt_deg)
+    lights = _source_lights(tilts_deg, lambda tilt_deg: 180.0 - tilt_deg)
     if lights is None:
         return None
     other = images[:, :, ::-1][lights]
     return other if size >= 1.0 else _blended(images, other, _disc(images, size, place))
 
 
-def _lights(tilts_deg: Any, source_deg: Callable[[float], float]) -> list[int] | None:
-    """For each light, the one whose light came from `source_deg` of its tilt; None without one."""
+def _source_lights(tilts_deg: Any, source_deg: Callable[[float], float]) -> list[int] | None:
+    """Index of the light at the tilt `source_deg` of each light's tilt; None if one is missing.
+
+    A piece that is moved keeps its shading: under each light it shows the image of its source.
+    """
     lights = []
     for tilt_deg in tilts_deg.tolist():
         differences_deg = np.abs((tilts_deg - source_deg(tilt_deg) + 180.0) % 360.0 - 180.0)
@@ -196,7 +201,7 @@ FAULTS: tuple[_MadeFault, ...] = (
     _MadeFault("stain of 30 %", "of the frame", _SIZES, _stain),
     _MadeFault("dent", "of the frame", _SIZES, _dent),
     _MadeFault("rotated piece", "of the frame", _SIZES, _rotated, needs_direction=True),
-    _MadeFault("mirrored piece", "of the frame", (0.2, 0.5, 1.0), _mirrored, True),
+    _MadeFault("mirrored piece", "of the frame", (0.2, 0.5, 1.0), _mirrored, needs_handedness=True),
     _MadeFault("other scale", "of the taught value", (1.02, 1.05, 1.1), _scaled),
     _MadeFault("darker", "of the taught value", (0.9, 0.75, 0.5), _darker),
     _MadeFault("deeper relief", "of the taught value", (1.1, 1.2, 1.4), _deeper),
@@ -243,7 +248,7 @@ class FaultStudy(Record):
         )
 
     def lines(self) -> list[str]:
-        """From which strength on each fault is found, one line for each texture and fault."""
+        """Lines for each texture and fault: the strength from which the fault is found."""
         lines = []
         for texture, fault in dict.fromkeys(
             (finding.texture, finding.fault) for finding in self.findings
@@ -325,7 +330,7 @@ def _passes(
 
 
 def _fingerprint(inspector: Inspector) -> Fingerprint:
-    """Hashes without a calibration: each set is judged with its own."""
+    """Fingerprint without a calibration: each set is judged with its own calibration."""
     return inspector.with_calibration(None).fingerprint
 
 

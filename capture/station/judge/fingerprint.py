@@ -20,7 +20,7 @@ _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "tifffile")
 
 @cache
 def software_sha256() -> str:
-    """SHA-256 of this program, computed once a run."""
+    """SHA-256 of this program, computed once in a process."""
     return sources_sha256(Path(__file__).parents[3])
 
 

@@ -28,9 +28,9 @@ _RATINGS: tuple[tuple[_Rating, tuple[float, float, float]], ...] = (
     ("marginal", _MARGINAL),
 )
 _TRUTHS = {"good": True, "bad": False}
-_MAX_BYTES = 1 << 22  # the reasons of 200 parts, 2,000 characters each, have 0.4 MB
 # Number of parts with a wrong verdict that a report names.
 _MAX_WRONG_ROWS = 200
+_MAX_BYTES = 1 << 22  # the reasons of 200 parts, of up to 2,000 characters each, have 0.4 MB
 
 
 @dataclass(frozen=True)
@@ -204,7 +204,7 @@ def presentations_of(
 
 
 class GaugeReport(Record):
-    """What a gauge study found."""
+    """The report of a gauge study."""
 
     format: Literal["ps4rig-gauge"] = "ps4rig-gauge"
     version: Literal[1] = 1

@@ -50,8 +50,8 @@ _MAX_DEFECTS = 50
 # Largest number of listed regions of each kind of window, seam and window. Windows that overlap are
 # one region, so there are few.
 _MAX_WINDOW_REGIONS = 10
-# Share of its light that an LED may give while off. 3 % is noted, and sound sets have no note
-# (tests/capture/station/run/test_weak_led.py).
+# Largest share of an LED's light in the ambient image without a note. Sets of sound LEDs get none,
+# an LED with 3 % gets one (tests/capture/station/run/test_weak_led.py).
 _WARN_WHILE_OFF = 0.02
 COLLECTING_REASON = "this run collects parts for teaching and judges none"
 
@@ -66,7 +66,7 @@ class Inspection:
     # First the defects of the map, largest score first, then boxes of windows. All coordinates are
     # px of the whole image.
     defects: tuple[DefectRecord, ...] = ()
-    # Stored as `PartResult.led_levels`; empty if not measured.
+    # Signal of each light as a share of its taught signal, `PartResult.led_levels`; may be empty.
     light_signal_ratios: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
 
@@ -144,7 +144,7 @@ class Inspector:
         taught = taught_for(recipe, files)
         models = {name: models_of(version, recipe, taught, name) for name in recipe.passes}
         library = TextureLibrary.load(version.library)
-        # Hashed after loading, so that a file that is exchanged meanwhile is detected.
+        # Hashed after loading, to detect a file that is exchanged meanwhile.
         library_sha256 = file_sha256(version.library)
         check_unchanged(recipe, version.library, library_sha256, taught.library_sha256)
         return cls(recipe, taught, library, models, FoundCalibration.of_rig(calibration))
@@ -205,9 +205,8 @@ class Inspector:
                 fields = in_background(partial(part_fields, measured.surface))
                 moments = in_background(partial(band_moments, measured.surface))
                 signature = self._library.observe(measured.surface)
-                # `classify` would warn if the surface was solved with other corrections than the
-                # library. That is allowed: this calibration may have a flat field that the one used
-                # for teaching lacked.
+                # Not `classify`, which warns if surface and library have different corrections: the
+                # present calibration may have a flat field that the taught one lacked.
                 measures = replace(
                     measures, match=self._library.match_surface(measured.surface, signature)
                 )
@@ -325,7 +324,7 @@ class Inspector:
     def _relative_levels(
         self, captured: CapturedSet, signals: tuple[float, ...]
     ) -> tuple[tuple[str, float], ...]:
-        """Level of each LED, signal over taught share, relative to the brightest."""
+        """Signal of each LED over its taught share of the light, relative to the brightest LED."""
         # The albedo scales all signals alike, so it cancels.
         taught_shares = np.mean(
             [taught / taught.mean() for taught in self._taught_signals.values()], axis=0
@@ -373,7 +372,7 @@ def _timed(timings_ms: dict[str, float], step: str) -> Iterator[None]:
 
 
 class Collector:
-    """Replaces the inspector while parts are collected for teaching: all are UNKNOWN."""
+    """Stands in for an inspector while parts are collected for teaching: all are UNKNOWN."""
 
     def __init__(self, recipe: Recipe, calibration: FoundCalibration | None = None) -> None:
         self.recipe, self.calibration = recipe, calibration

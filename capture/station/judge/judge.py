@@ -1,4 +1,4 @@
-"""`verdict_of`: the verdict on a part from its measures. Validity comes before texture."""
+"""`verdict_of`: the verdict on a part from its measures."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -42,17 +42,17 @@ class Measures(LimitedMeasures):
 
     match: Match | None = None
     saturated_fraction: float | None = None  # share of the pixels that a light saturates
-    # Against the brightest LED, as a share of the taught ratio.
+    # Level of each LED relative to the brightest, as a share of the taught ratio.
     led_levels: tuple[tuple[str, float], ...] = ()
-    # Share of the light of each LED in the ambient image.
+    # Share of each LED's light that the ambient image has.
     lit_while_off: tuple[tuple[str, float], ...] = ()
 
 
 def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = ()) -> Verdict:
     """Return the verdict on a part.
 
-    The first of these reasons counts: faults of the set, validity, texture, limits. A value that is
-    NaN or missing gives ERROR.
+    Findings of the first of these stages count: faults of the set; validity of the measurement;
+    texture and limits. A value that is NaN or missing gives ERROR.
     """
     findings = list(faults) or list(validity_findings(recipe, measures))
     findings = findings or list(_texture_findings(recipe, measures))

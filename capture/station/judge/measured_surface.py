@@ -21,7 +21,7 @@ _MASK_FILE = "region"
 class MeasuredSurface:
     """The region of a part, solved."""
 
-    surface: SurfaceEstimate  # has no images if the region is not the whole frame
+    surface: SurfaceEstimate  # without images if the region is not the whole frame
     inside: npt.NDArray[np.bool_]  # (H, W) bool of the region, false outside the mask of the set
     shadowed: npt.NDArray[np.bool_]  # (H, W) bool, pixels that at least one light does not reach
     saturated: npt.NDArray[np.bool_]  # (H, W) bool, pixels that at least one light saturates

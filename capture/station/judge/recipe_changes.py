@@ -55,7 +55,7 @@ class RecipeChanges:
         remove_from_challenge(self.files.challenge, file, self._record_part)
 
     def save_settings(self, seen_sha256: str, values: Mapping[str, Any]) -> None:
-        """Give the recipe other settings."""
+        """Change settings of the recipe, unless its hash is no longer `seen_sha256`."""
         save_settings(self.files, values, seen_sha256, self._record_settings)
 
     def approve(self, by: str, seen_sha256: str | None = None) -> Recipe:
@@ -70,15 +70,15 @@ class RecipeChanges:
         last = next(iter(approved_states(self.files)), None)
 
         def record(old: Recipe, new: Recipe) -> None:
-            differ = [] if last is None else setting_changes(last, new)
-            differences = ", ".join(map(str, differ))
+            changes = [] if last is None else setting_changes(last, new)
+            differences = ", ".join(map(str, changes))
             since = f"; since the last approval: {differences}" if differences else ""
             self._record("", with_approval(old), f"{with_approval(new)}{since}")
 
         return approve(self.files, by, seen_sha256, record)
 
     def roll_back(self, sha256: str) -> Recipe:
-        """Go back to a state that was approved."""
+        """Replace the recipe by an approved state of it."""
 
         def record(old: Recipe, new: Recipe) -> None:
             self._record("", with_approval(old), f"roll back to {with_approval(new)}")
@@ -119,8 +119,8 @@ class RecipeChanges:
             return run_challenge(self.files, Inspector.load(self.files, self.calibration), show)
 
         def outcome(replay: Replay) -> str:
-            parts, missed = len(replay.parts), len(replay.regressions)
-            return f"challenge: {parts - missed} of {parts} parts got the expected verdict"
+            parts, regressions = len(replay.parts), len(replay.regressions)
+            return f"challenge: {parts - regressions} of {parts} parts got the expected verdict"
 
         title = replay_title(self.files)
         return self._recorded_work(title, title, work, outcome)
@@ -196,7 +196,7 @@ def replay_title(files: RecipeFolder) -> str:
 def recipe_on_the_terminal(
     station: Path, recipe: str | None, by: str | None
 ) -> Iterator[RecipeChanges]:
-    """Yield a recipe for changes by whoever may write into the folder of the station."""
+    """Yield a recipe for changes that are recorded under `by` and the user of this shell."""
     folder = StationFolder(station)
     files = folder.recipe_files(recipe)
     with changing_on_the_terminal(folder, by) as (log, who):

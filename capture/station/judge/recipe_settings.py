@@ -1,4 +1,4 @@
-"""Change settings of a recipe, which ends its approval, and list what differs."""
+"""Change settings of a recipe, which ends its approval; list the settings that differ."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

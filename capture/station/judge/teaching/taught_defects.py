@@ -1,4 +1,4 @@
-"""Teach the defect map of a texture: its model, what it finds, and a mark on all its parts."""
+"""Teach the defect map of a texture: its model, its detectability, and a mark on all parts."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from .taught_part import TaughtPart, solved
 
 @dataclass(frozen=True, eq=False)
 class TaughtDefects:
-    """What teaching learned of the defects of one texture."""
+    """The defect model of one texture, with its detectability and a mark on all good parts."""
 
     model: DefectModel
     least_found: tuple[LeastFound, ...]
@@ -48,7 +48,7 @@ def teach_defects(
             yield surface
 
     model = learn_defects(surfaces(), orientations_deg)
-    # In random order, so that the first ones are from the whole time of the captures.
+    # In random order, so that the first parts are spread over the whole time of the captures.
     order = np.random.default_rng(0).permutation(len(good)).tolist()
     surfaces_to_try = ((surface_of(good[n]), orientations_deg[n]) for n in order)
     limit = recipe.limits_for(texture).defect or 1.0
@@ -68,7 +68,7 @@ def teach_defects(
 
 
 def mark_remark(texture: str, parts: int, mark: Region) -> str:
-    """Say that all parts have a mark, and what to do."""
+    """Return a remark on a mark that all parts have, with advice."""
     return (
         f"{texture}: all {parts} good parts look alike in {mark}, and nowhere else: a printed logo "
         "or a stamped mark is no texture, and defects on it are not found. Set [region] to leave "

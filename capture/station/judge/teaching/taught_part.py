@@ -21,9 +21,9 @@ from classify.texture.spectra import segment_for
 
 from .taught_sets import KeptSet
 
-# Distance between two groups of sets, by average linkage, from which they are two textures; two
-# quarters of one frame have 1. Up to 1.07 within rock, sand, malv and ogil, and 3.8 to 46 between
-# two of them (4 to 16 sets, test_unlabelled.py).
+# Distance from which two groups of sets, by average linkage, are two textures; that of two quarters
+# of one frame is 1. Groups of 4 to 16 sets have up to 1.07 within rock, sand, malv or ogil, and 3.8
+# to 46 between two of them (`tests/capture/station/judge/test_unlabelled.py`).
 _GROUP_DISTANCE = 2.0
 
 
@@ -34,7 +34,7 @@ class TaughtPart:
     kept_set: KeptSet
     setting: Setting
     has_calibration: bool
-    # A classifier may observe a surface otherwise for training than for matching.
+    # A classifier may have different observations for training and for matching.
     training_row: TrainingRow
     matching_observation: Observation
     # Observations of the texture scaled by 1 - SCALE_STEP and 1 + SCALE_STEP.

@@ -26,7 +26,7 @@ class KeptSet:
     texture: str
     path: Path
     pixels_sha256: str
-    has_label: bool = True  # given now or earlier; False if it has the name of the recipe
+    has_label: bool = True  # False if its texture is only the default, the name of the recipe
     source: Path | None = None  # the file that was copied; None for a set that was taught before
 
     def __str__(self) -> str:

@@ -122,8 +122,7 @@ def _next_version(
     changes["limits_of"] = {
         name: limits for name, limits in before.limits_of.items() if name not in emptied
     }
-    # After a roll back, or without the file of the recipe, there are later versions, whose files
-    # stay.
+    # After a roll-back the files of later versions stay; their numbers are not used again.
     taught = [*files.taught_versions()[:1], *([before.version] if before.taught else [])]
     version = max([before.version, *(number + 1 for number in taught)])
     return Recipe.model_validate({**dict(before), **changes, "version": version})
@@ -233,7 +232,7 @@ def _taught(
 
 
 def _blind_spots(models: Mapping[str, TextureModels]) -> Iterator[str]:
-    """Remarks on the faults that a texture itself hides."""
+    """Remarks on faults that cannot be found on a texture."""
     for name, model in models.items():
         if model.pieces.handedness is None:
             yield f"{name} looks like its mirror image: a mirrored part is not found"

@@ -11,7 +11,7 @@ from classify.base.errors import InputError
 from classify.base.models import read_toml_as
 from classify.confidence import tolerance_factor
 
-# Least relative spread of Sdq and shadow between good parts: different patches of one simulated
+# Least relative standard deviation of measures of good parts: different patches of one simulated
 # texture differ by this much (`tests/capture/station/judge/test_teaching.py`). Without it,
 # captures of one and the same part would give limits that the next part exceeds.
 _MIN_SPREAD = 0.01
@@ -20,8 +20,8 @@ _MIN_SPREAD = 0.01
 _MIN_SDQ = 0.001
 # Margin on limits of shares of pixels: a share that is 0 on all taught parts may be this on others.
 _SHARE_MARGIN = 0.005
-# Ratio of the limit of unscored areas to the largest one on a good part; unscored cells are
-# clustered.
+# Ratio of the limit of unscored areas to the largest area on a good part: unscored cells form
+# clusters, whose sizes vary.
 _UNJUDGED_FACTOR = 2
 # Relative departures of albedo and scale that are always within the limits. LEDs may fade to 85 %
 # before the station stops, and parts lie at heights that differ by a hundredth of their distance.
@@ -45,7 +45,7 @@ def limits_of_texture(
     has_handedness: bool,
 ) -> Limits:
     """Tolerance limits for 99 % of good parts, with 95 % confidence."""
-    # Distances and scale count as log-normal, and all other measures as normal.
+    # Distances and scales are taken as log-normal, all other measures as normal.
     logs = [math.log(distance) for distance in distances if distance > 0.0]
     log_limit = max(_limit(logs, 0.0), *logs) if len(logs) > 1 else math.inf
     lowest_sdq = max(0.0, -_limit([-sdq for sdq in sdqs]))
@@ -81,7 +81,7 @@ def general_limits(limits: GeneralLimits, of_textures: Mapping[str, Limits]) -> 
 
 
 def _limit(values: Sequence[float], min_relative_spread: float = _MIN_SPREAD) -> float:
-    """Upper tolerance limit of values; their spread is at least a share of their mean."""
+    """Upper tolerance limit of values, with a least relative standard deviation."""
     mean = statistics.fmean(values)
     spread = max(statistics.stdev(values), min_relative_spread * abs(mean))
     return mean + tolerance_factor(len(values)) * spread

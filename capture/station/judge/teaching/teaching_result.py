@@ -21,8 +21,8 @@ from .teaching_limits import LimitsOf
 
 # Largest share of bad parts that may pass, and of good parts that may be rejected.
 _, _MAX_MISSES, _MAX_FALSE_ALARMS = ACCEPTABLE
-# Number of good parts from which more parts make the limits little narrower. Limits of 3 parts are
-# 10.6 standard deviations wide, those of 10 are 4.0, those of 30 are 3.1
+# Number of good parts from which more parts hardly narrow the limits. Limits lie 10.6 standard
+# deviations from the mean of 3 parts, 4.0 from that of 10 and 3.1 from that of 30
 # (`classify.confidence.tolerance_factor`).
 _ENOUGH_PARTS = 10
 
@@ -51,7 +51,7 @@ class Teaching:
     taught: Taught
     files: TaughtFiles
     parts: tuple[TaughtPart, ...]
-    # Of each set with a library of all others; None where that is empty.
+    # Match of each set with a library of all other sets; None if that library is empty.
     matches: tuple[Match | None, ...]
     inspections: tuple[Inspection, ...]  # by the new recipe, which was taught these sets
     # Largest share of good parts that the defect map rejects, by texture.
@@ -70,7 +70,7 @@ class Teaching:
         """Remarks for a person to check before the approval of the recipe."""
         overlaps = map(str, self.overlaps)
         classes = uniformity_remarks(self.uniformity)
-        others = (*self.limit_remarks, *self._odd_verdicts(), *self._few_parts())
+        others = (*self.limit_remarks, *self._unexpected_verdicts(), *self._few_parts())
         return (*overlaps, *classes, *others)
 
     def fields(self) -> dict[str, Any]:
@@ -122,7 +122,7 @@ class Teaching:
             )
 
     def least_found(self) -> Iterator[str]:
-        """Yield how strong a defect must be to be found, for each texture, kind and size."""
+        """Yield the weakest defect that is found, for each texture, kind and size."""
         for texture, found in self.taught.least_found.items():
             yield from (f"{texture}: {remark}" for remark in found)
 
@@ -143,7 +143,7 @@ class Teaching:
                 )
             yield f"{remark}; teach {_ENOUGH_PARTS} parts or more"
 
-    def _odd_verdicts(self) -> Iterator[str]:
+    def _unexpected_verdicts(self) -> Iterator[str]:
         for part, inspection in zip(self.parts, self.inspections, strict=True):
             good = part.kept_set.texture in self.recipe.passes
             if good != (inspection.verdict.decision is Decision.PASS):
@@ -162,7 +162,7 @@ def _overlaps(sets: Sequence[KeptSet], matches: Sequence[Match | None]) -> Itera
             continue
         other = match.nearest if match.nearest != kept_set.texture else match.runner_up
         undecided = match.margin is not None and match.margin < MIN_MARGIN
-        # The library without a set does not contain a texture that has this set alone.
+        # A texture with a single set is not in the library of all other sets.
         confused = match.nearest != kept_set.texture and textures.count(kept_set.texture) > 1
         if other is not None and (confused or undecided or match.label == other):
             pairs.setdefault((kept_set.texture, other), []).append(kept_set)
