@@ -98,7 +98,7 @@ class _RuleSeries:
 
 
 class _NewWarnings:
-    """Finds new warnings; a warning that returns within the longest rule is not new."""
+    """Finds new warnings: those that did not hold at the last `_MAX_RULE_POINTS` points."""
 
     def __init__(self) -> None:
         self._since: dict[str, int] = {}  # points since a warning last held
@@ -107,7 +107,7 @@ class _NewWarnings:
         """Return the new ones among the warnings that hold at a point."""
         new = tuple(text for text in warnings if text not in self._since)
         counts = {
-            text: count + 1 for text, count in self._since.items() if count < _MAX_RULE_POINTS
+            text: count + 1 for text, count in self._since.items() if count + 1 < _MAX_RULE_POINTS
         }
         self._since = counts | dict.fromkeys(warnings, 0)
         return new
@@ -127,7 +127,8 @@ class _LiveChart:
 class ControlChart:
     """Charts of a running station, which subscribe to its events and publish `Warned`.
 
-    A warning is repeated only if it did not hold for eight points.
+    A warning is repeated only if it did not hold for eight points, a note only after eight parts
+    without it.
     """
 
     def __init__(self, led_names: Sequence[str], publish: Callable[[Warned], None]) -> None:

@@ -126,6 +126,15 @@ def test_another_recipe_begins_another_baseline() -> None:
     assert any(text.startswith("distance") for text in told)
 
 
+@pytest.mark.parametrize(("absent", "repeated"), [(7, []), (8, ["the clock was set"])])
+def test_a_note_is_repeated_after_eight_parts_without_it(absent: int, repeated: list[str]) -> None:
+    chart, noted = ControlChart(LEDS, print), replace(PART, notes=("the clock was set",))
+    assert chart.add(noted) == ["the clock was set"]
+    for _ in range(absent):
+        assert chart.add(PART) == []
+    assert chart.add(noted) == repeated
+
+
 def test_parts_without_a_texture_are_on_no_chart() -> None:
     chart = ControlChart(LEDS, print)
     for changes in (
