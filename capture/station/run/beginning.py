@@ -1,4 +1,4 @@
-"""`Beginning`: the row of a part, written within the time that its trigger is good for."""
+"""`Beginning`: record a part before its trigger is too old."""
 
 from concurrent.futures import ThreadPoolExecutor
 
@@ -10,14 +10,14 @@ from .triggers import Trigger, TriggerTooLate
 
 
 class Beginning:
-    """Begins parts in a thread of its own, which the caller waits for no longer than `limit_s`."""
+    """Records triggered parts in a thread of its own; a caller waits at most `limit_s` for it."""
 
     def __init__(self, store: ResultStore, clock: StationClock, limit_s: float) -> None:
         self._store, self._clock, self._limit_s = store, clock, limit_s
         self._writer = ThreadPoolExecutor(1, "station trigger")
 
     def close(self) -> None:
-        """Begin no further part; do not wait for one that the database holds up."""
+        """Begin no further part; do not wait for a locked database."""
         self._writer.shutdown(wait=False, cancel_futures=True)
 
     def require_timely(self, trigger: Trigger) -> None:
@@ -31,7 +31,8 @@ class Beginning:
     def begin(self, trigger: Trigger, *, is_simulated: bool) -> BegunPart:
         """Record a part, if its client still waits.
 
-        A row that is written after `ResultsUnavailable` becomes an ERROR in the next self-test.
+        If the row is written after this raised `ResultsUnavailable`, the next self-test makes the
+        part an ERROR.
         """
 
         def require() -> None:

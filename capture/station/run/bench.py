@@ -1,6 +1,6 @@
-"""Time the real cycle of a station on this machine, with stored sets as a camera.
+"""Time the real cycle of a station on this machine, with stored sets in place of a camera.
 
-The sets are captured before, because a simulated camera would compete with the judge.
+The sets are captured first, because a simulated camera would compete with the judge.
 """
 
 import time
@@ -48,10 +48,10 @@ from .triggers import TimerTrigger
 
 # Ambient image and four light images, at 30 frames per second.
 _EXPOSURES_S = 5 / 30.0
-# Pages in the order of their capture: ambient image, then the lights of either sign.
+# Pages in the order of their capture: the ambient image, then pairs of opposite lights.
 _CAPTURED = (4, 0, 2, 1, 3)
 _GOOD, _OTHER = "rock", "sand"
-# Distance of patches on the simulated surface: they share no pixel at any size that is tried.
+# Distance of patches on the simulated surface, larger than any frame that is tried.
 _STEP_PX = 1500.0
 # Sets that stay in the folder, for pictures of the last parts; a thousand parts would write 10 GB.
 _KEPT_SETS = 16
@@ -258,14 +258,14 @@ def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) ->
     ]
     segment_px = segment_for(surfaces[0].surface.shape)
     first, last = (
-        observe(material.surface, segment_px) for material in (surfaces[0], surfaces[-1])
+        observe(measured.surface, segment_px) for measured in (surfaces[0], surfaces[-1])
     )
     rows = [TrainingRow(_GOOD, first)]
     rows += [TrainingRow(f"{_OTHER} {number}", last) for number in range(1, classes)]
     library = TextureLibrary.from_observations(
         rows, segment_px, method=default_method(len(good[0].images)), planar=PLANAR
     )
-    taught_surfaces = [material.surface for material in surfaces[:MIN_PARTS]]
+    taught_surfaces = [measured.surface for measured in surfaces[:MIN_PARTS]]
     rings = [ring_means(library.observe(surface)) for surface in taught_surfaces]
     parts = [
         GoodPart(band_moments(surface), 0.0, levels)

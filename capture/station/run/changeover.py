@@ -1,4 +1,4 @@
-"""`Changeover`: a running station takes another recipe, between two parts."""
+"""`Changeover`: exchange the recipe of a running station between two parts."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -15,7 +15,7 @@ from .self_test import SelfTest
 from .station_rig import PartCamera
 from .triggers import Asker, RecipeRefusal, RecipeRefused
 
-# Time that a second asker waits for the first, whose recipe may be loaded at any moment.
+# Time that a second asker waits until the recipe of the first is loaded.
 TIMEOUT_S = 1.0
 
 
@@ -76,7 +76,7 @@ class Changeover:
             raise RecipeRefused("the station stops", RecipeRefusal.NOT_READY)
 
     def request_exchange(self, request: _RecipeRequest) -> None:
-        """Request that a recipe is used as soon as no part is in progress; raise if it stops."""
+        """Request a recipe for the time when no part is in progress; raise if the station stops."""
         self._raise_if_cancelled()
         self._request = request
 
@@ -105,7 +105,7 @@ class Changeover:
                 camera.use(recipe.inspector)
                 require(recipes.checks(recipe))
                 require(camera.test(is_start=False))
-            # Recorded before the announcement: a kill in between leaves a recipe that is usable.
+            # Recorded before the announcement: a kill in between leaves a usable recipe.
             recipes.keep(recipe, request.by)
         except BaseException as error:
             try:

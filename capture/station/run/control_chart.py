@@ -15,12 +15,12 @@ from capture.station.run.live_view import LiveEvent
 from rig.acceptance import EQUAL_LED_LEVELS
 
 _WARN_LED_LEVEL = 0.95
-"""Least level of an LED relative to the brightest, as a share of the taught ratio.
+"""Level of an LED below which a warning names it.
 
-A warning names an LED below it.
+It is relative to the brightest LED, as a share of the taught ratio.
 """
 _MIN_LED_CHANGE = EQUAL_LED_LEVELS
-"""Smaller differences from the baseline are no drift: sets need no correction for them."""
+"""Smaller differences from the baseline are no drift: sets are not corrected for them."""
 
 # Subgroups of 4 or 5 and 20 to 25 of them for the limits are customary since Shewhart (1931).
 GROUP, BASELINE_POINTS = 5, 20
@@ -49,7 +49,7 @@ class Baseline:
 
 def baseline_of(values: Sequence[float]) -> Baseline:
     """Return the baseline of two values or more."""
-    # Sigma is from moving ranges, which a slow drift does not raise.
+    # Sigma is the mean moving range over d2, which a slow drift does not raise.
     mean = statistics.fmean(values)
     ranges = [abs(after - before) for before, after in pairwise(values)]
     sigma = statistics.fmean(ranges) / _RANGE_OF_TWO
@@ -57,7 +57,7 @@ def baseline_of(values: Sequence[float]) -> Baseline:
 
 
 def broken_rules(values: Sequence[float], baseline: Baseline) -> tuple[str, ...]:
-    """Return which Western Electric rules the last of some values breaks, in words."""
+    """Return the Western Electric rules that the last value breaks, in words."""
     offsets = [(value - baseline.mean) / baseline.sigma for value in values]
     return tuple(_rules_broken_by(offsets))
 
@@ -73,7 +73,7 @@ def _rules_broken_by(offsets: Sequence[float]) -> Iterator[str]:
 
 
 class _RuleSeries:
-    """Points of one chart; the first of them are its baseline.
+    """Points of one chart; the first `BASELINE_POINTS` of them give its baseline.
 
     A point that differs from the baseline by less than `min_change` breaks no rule.
     """

@@ -79,7 +79,7 @@ class Station:
         self._next: queue.SimpleQueue[tuple[BegunPart, str | None, Trigger]] = queue.SimpleQueue()
         self._exposed: queue.SimpleQueue[ExposedPart | None] = queue.SimpleQueue()
 
-    # What triggers see.
+    # For triggers and interfaces.
 
     @property
     def is_stopping(self) -> bool:
@@ -107,7 +107,7 @@ class Station:
         return Accepted(part.part_id, part.number)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
-        """Load a recipe, which judges all later parts when this returns; or raise RecipeRefused."""
+        """Load a recipe, and return when it judges all later parts; or raise RecipeRefused."""
         with self._changeover.loading(name, by) as request:
             with self._lock:
                 if self._live.state.state not in (State.READY, State.EXECUTING):
@@ -152,8 +152,8 @@ class Station:
                 self.stop(interrupt)
             for thread in threads:
                 thread.join_through_interrupts()
-            # Time for a timer to record the periods that it missed. No longer, because a source may
-            # wait for a key forever.
+            # A timer needs this time to record missed periods. A source that waits for a key may
+            # never end.
             feeder.join_through_interrupts(2.0 * _POLL_S)
         self._beginning.close()
         reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
@@ -242,7 +242,7 @@ class Station:
             request.answer.set_result(request.recipe.loaded_event)
 
     def _stops_within(self, duration_s: float) -> bool:
-        """Wait; False if the station does not stop in this time."""
+        """Wait until the station stops; False if it does not stop in this time."""
         while duration_s > 0.0 and not self._stopping.wait(min(duration_s, _POLL_S)):
             self._report_alive("capture")
             duration_s -= _POLL_S
@@ -338,9 +338,9 @@ class Station:
             if self._waiting >= self._config.buffers:
                 return f"busy: {self._waiting} parts wait for their verdict", Refusal.BUSY
             if self._live.state.state is not State.READY:
-                waits, tests = "a recipe waits for the parts in progress", "the self-test runs"
-                why = waits if self._changeover.is_requested else tests
-                return f"not ready: {why}", Refusal.NOT_READY
+                if self._changeover.is_requested:
+                    return "not ready: a recipe waits for the parts in progress", Refusal.NOT_READY
+                return "not ready: the self-test runs", Refusal.NOT_READY
             if self._changeover.lacks(trigger.recipe):
                 return f"recipe {trigger.recipe} is not the loaded one", Refusal.RECIPE
             sets_bytes = (self._waiting + 1) * self._camera.set_bytes
@@ -355,7 +355,7 @@ class Station:
             return None
 
     def _release(self, failure: Fault | None) -> None:
-        """Undo `_reserve` for a part that was not begun."""
+        """Undo `_reserve` for a part that was not begun; count its `failure`, if any."""
         with self._lock:
             self._exposing = False
             if self._left is not None:
@@ -383,7 +383,7 @@ class Station:
 
     @property
     def _has_lasting_errors(self) -> bool:
-        """Whether the line stops until somebody acknowledges errors that the self-test misses."""
+        """Whether there were so many errors in a row that somebody must acknowledge them."""
         return self._errors >= self._config.stop_after_errors
 
     def _count_error(self, fault: Fault, *, fails: bool = True) -> None:

@@ -18,7 +18,7 @@ from .triggers import PartSensor
 Worker = Literal["capture", "verdict"]
 """A thread of the cycle."""
 ReportAlive = Callable[[Worker], None]
-"""Called by each worker several times a second, also while it waits for a part."""
+"""Called by each worker several times a second, unless it hangs."""
 
 
 class GuardedThread(threading.Thread):
@@ -56,16 +56,15 @@ class GuardedThread(threading.Thread):
 
 @dataclass(frozen=True, eq=False)
 class Equipment:
-    """The objects that a station works with."""
+    """Rig, judge, results, clock and interfaces of a cycle."""
 
     camera: PartCamera
     judge: PartJudge  # used until another recipe is loaded
     store: ResultStore
-    # Makes all checks except those of the rig, while no part is in progress.
+    # Makes all checks except those of the rig; called while no part is in progress.
     prepare: Callable[[], list[Check]]
     clock: StationClock
     live: LiveStation
     sensor: PartSensor | None = None
-    # Called by each worker several times a second, unless the worker hangs.
     report_alive: ReportAlive = lambda _: None
     recipes: RunRecipes | None = None  # None if no parts are judged

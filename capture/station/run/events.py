@@ -90,7 +90,7 @@ class PartAnnounced:
 
 @dataclass(frozen=True)
 class PartRecovered:
-    """A part that an earlier run began and did not finish got the verdict ERROR."""
+    """A part that an earlier run began and did not finish; it gets the verdict ERROR."""
 
     kind: ClassVar = "recovered"
     result: PartResult
@@ -128,7 +128,7 @@ class DevicesChanged:
 
 @dataclass(frozen=True)
 class Noted:
-    """Something that an interface did, such as an override."""
+    """An action of an interface, such as an override."""
 
     fields: Mapping[str, Any]  # for JSON; ``event`` names its kind
 
@@ -191,7 +191,7 @@ def _lines(event: Event) -> list[str]:
             loaded = f", loaded by {by}" if by else ""
             return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}{loaded}"]
         case StateChanged(State.EXECUTING) | StateChanged(change=Change.FREE):
-            return []  # of every part
+            return []  # these occur for every part
         case StateChanged(state):
             return [f"{state}: {event.reason}"]
         case SelfTestFinished(checks):

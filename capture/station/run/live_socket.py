@@ -48,7 +48,7 @@ _log = logging.getLogger(__name__)
 class _Request(Record):
     """A numbered call of `LiveStation`, ``append``, or ``withdraw``.
 
-    ``withdraw`` tells that the client of a trigger is gone, and has no reply.
+    ``withdraw`` reports that the client of a trigger is gone, and has no reply.
     """
 
     id: int
@@ -126,7 +126,7 @@ def _accept(listener: socket.socket, live: LiveStation, results: ResultsAccess) 
 
 
 def _is_own(connection: socket.socket) -> bool:
-    """Whether the user of this process has connected; elsewhere the mode of the file decides."""
+    """Whether the peer is this user; without SO_PEERCRED the mode of the file ensures it."""
     if not hasattr(socket, "SO_PEERCRED"):
         return True
     credentials = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
@@ -160,7 +160,7 @@ class _Panel:
             while not self._has_ended:
                 self._woken.wait()
                 self._woken.clear()
-                # Before the last events are sent. Other threads set it too; nobody resets it.
+                # Set before the last events are sent. Other threads set it too; it is never reset.
                 if self._subscription.is_closed:
                     self._has_ended = True
                 self._send(b"")
@@ -215,16 +215,16 @@ class _Panel:
     def _called(self, request: _Request) -> Accepted | Refused | RecipeLoaded | bool | None:
         live = self._live
         match request.call, request.arguments:
-            case "submit", (given,):
-                trigger = TRIGGER.validate_python(given)
+            case "submit", (fields,):
+                trigger = TRIGGER.validate_python(fields)
                 withdrawn = self._withdrawn
                 return live.submit(replace(trigger, is_withdrawn=lambda: request.id in withdrawn))
             case "load_recipe", (name, by):
                 return live.load_recipe(name, Asker(*by))
             case "acknowledge", (part_id, by):
                 return live.acknowledge(part_id, by)
-            case "announce", (about,):
-                live.announce(about)
+            case "announce", (fields,):
+                live.announce(fields)
             case "append", (table, rows, of_part):
                 self._results.opened_or_created().append_rows(table, rows, of_part)
                 return True

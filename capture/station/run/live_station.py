@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .cycle import Station
 
 Subscriber = Callable[[LiveEvent], None]
-# Events of some hundred parts; a subscriber that is further behind hangs.
+# Events of some hundred parts; a subscriber that is further behind counts as hung.
 MAX_EVENTS = 1000
 _POLL_S = 0.02
 _log = logging.getLogger(__name__)
@@ -64,7 +64,7 @@ class LiveStation(LiveView):
     # The run.
 
     def publish(self, event: Event) -> None:
-        """Change the state by an event, and pass both on to everybody."""
+        """Change the state by an event, and deliver both to all subscribers."""
         with self._lock:
             before, changes = self._state, changes_by(event, self._state)
             state = replace(before, event_id=before.event_id + 1, **changes)
@@ -94,7 +94,7 @@ class LiveStation(LiveView):
 
     @contextmanager
     def telling(self, *subscribers: Subscriber) -> Iterator[None]:
-        """Tell subscribers of all events during the block, in order, from a thread of its own."""
+        """Deliver all events during the block to subscribers, in order, in a thread of its own."""
         self._subscribers = subscribers
         self._thread.start()
         try:
@@ -130,7 +130,7 @@ class LiveStation(LiveView):
         """Pass triggers and requests to `target` from now on."""
         self._target = target
 
-    # What interfaces do.
+    # For interfaces.
 
     def submit(self, trigger: Trigger) -> Answer:
         """Pass a trigger to the station. Never raises."""
@@ -150,7 +150,7 @@ class LiveStation(LiveView):
         return self._target.load_recipe(name, by)
 
     def show_device(self, device: Device) -> None:
-        """Show the state of a device that the station does not know, such as the PLC."""
+        """Show the state of a device that the self-test does not test, such as the PLC."""
         with self._lock:
             if device not in self._state.tested:
                 self.publish(device)
@@ -174,5 +174,5 @@ class LiveStation(LiveView):
         return True
 
     def announce(self, fields: Mapping[str, Any]) -> None:
-        """Tell everybody of something that an interface did, such as an override."""
+        """Publish an action of an interface, such as an override."""
         self.publish(Noted(fields))

@@ -28,13 +28,13 @@ STATE = TypeAdapter(StationState)
 
 @dataclass(frozen=True)
 class LiveEvent:
-    """Something that happened, with its position in the run and the state after it."""
+    """An event with its position in the run and the state after it."""
 
     id: int  # position, from 1, without gaps
     utc: str
     event: Event
     state: StationState
-    changed: frozenset[str] = frozenset()  # fields of the state
+    changed: frozenset[str] = frozenset()  # names of the fields of the state that it changed
 
     @cached_property
     def fields(self) -> Mapping[str, Any]:
@@ -64,7 +64,7 @@ class LiveEvent:
 
 
 class Subscription:
-    """Events that a subscriber has not taken; all are lost when more than `MAX_WAITING` wait.
+    """Queue of events for a subscriber; all are dropped when more than `MAX_WAITING` wait.
 
     `wake` is called under a lock, and must not wait.
     """
@@ -72,7 +72,7 @@ class Subscription:
     def __init__(self, wake: Callable[[], None] = lambda: None) -> None:
         self._wake = wake
         self._waiting: deque[LiveEvent] = deque()
-        self._missed = 0
+        self._lost_count = 0
         self._is_closed = False
         self._lock = threading.Lock()
 
@@ -85,7 +85,7 @@ class Subscription:
         """Add an event; called by `LiveView`."""
         with self._lock:
             if len(self._waiting) >= MAX_WAITING:
-                self._missed += len(self._waiting)
+                self._lost_count += len(self._waiting)
                 self._waiting.clear()
             self._waiting.append(event)
             self._wake()
@@ -93,7 +93,7 @@ class Subscription:
     def lose(self) -> None:
         """Drop the waiting events, and one that could not be added; called by `LiveView`."""
         with self._lock:
-            self._missed += len(self._waiting) + 1
+            self._lost_count += len(self._waiting) + 1
             self._waiting.clear()
             self._wake()
 
@@ -104,16 +104,16 @@ class Subscription:
             self._wake()
 
     def take(self) -> tuple[list[LiveEvent], int]:
-        """Return all events that wait, and how many were lost before them."""
+        """Return the waiting events, and the number of events that were lost before them."""
         with self._lock:
-            events, missed = list(self._waiting), self._missed
+            events, lost_count = list(self._waiting), self._lost_count
             self._waiting.clear()
-            self._missed = 0
-            return events, missed
+            self._lost_count = 0
+            return events, lost_count
 
 
 class LiveView:
-    """The present state, the latest events and who follows them; any thread may call it."""
+    """The present state, the latest events and their subscriptions. Thread-safe."""
 
     def __init__(self, state: StationState, now_s: Callable[[], float] = time.monotonic) -> None:
         self._lock = threading.RLock()
@@ -134,7 +134,7 @@ class LiveView:
         return self._state
 
     def begin(self, state: StationState) -> None:
-        """Show another state, without the events that led to it; subscribers have lost those."""
+        """Replace the state; events before it are dropped, and count as lost for subscribers."""
         with self._lock:
             self._state = state
             self._events.clear()
@@ -152,7 +152,7 @@ class LiveView:
                 subscription.put(event)
 
     def append(self, table: str, rows: list[dict[str, Any]], of_part: str | None) -> bool:  # noqa: ARG002
-        """Let the run append rows to the results; False if it is this process, or there is none."""
+        """Let the process of the run append rows; False if there is none, or it is this one."""
         return False
 
     def close(self) -> None:
@@ -184,7 +184,7 @@ class LiveView:
             subscription.close()
 
     def events_after(self, event_id: int) -> list[LiveEvent] | None:
-        """Return the events after one, or None if not all of them are kept any more."""
+        """Return the events after the one with this id; None if some of them were dropped."""
         with self._lock:
             last_id = self._state.event_id
             if not 0 <= event_id <= last_id:

@@ -1,4 +1,4 @@
-"""From an exposed part to its result. Any exception on the way makes the part an ERROR."""
+"""From an exposed part to its result; any exception gives the verdict ERROR."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -32,7 +32,7 @@ class ExposedPart:
     error: BaseException | None
     exposed_s: float  # end of the last exposure, on the monotonic clock
     exposed_utc: str | None  # None if there is no set
-    # ``capture``: trigger to end of exposure; ``checks``: from there on.
+    # ``capture``: from the trigger to the end of the exposure; ``checks``: after it.
     timings_ms: dict[str, float]
     notes: tuple[str, ...] = ()
 
@@ -57,9 +57,10 @@ class PartJudge:
     def result_of(
         self, part: ExposedPart, writer: ThreadPoolExecutor
     ) -> tuple[PartResult, Fault | None, BaseException | None]:
-        """Judge a part while `writer` saves its set, without which no part passes.
+        """Judge a part while `writer` saves its set.
 
-        Return the result, the fault of a device, and the exception, which makes the part an ERROR.
+        Return the result, the fault of a device, and an exception. An exception, also one of
+        saving, gives the verdict ERROR.
         """
         failures: list[tuple[BaseException, Cause | None]] = []
         if part.error is not None:
@@ -124,7 +125,7 @@ class PartJudge:
         timings_ms = part.timings_ms | judged.timings_ms | saved["timings_ms"]
         values = saved | {"decided_utc": self._clock.now(), "timings_ms": timings_ms}
         result = replace(judged, **values)
-        # Raises for values that cannot be stored, here, where that is still an ERROR of the part.
+        # Computed here, where an error for values that cannot be stored gives the verdict ERROR.
         result.row  # noqa: B018
         return result
 

@@ -1,4 +1,4 @@
-"""Begun parts without a result, and set files, that a killed run left behind."""
+"""What a killed run leaves behind: begun parts without a result, damaged or unknown set files."""
 
 from collections.abc import Callable, Iterator
 from itertools import islice

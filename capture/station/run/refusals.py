@@ -1,4 +1,4 @@
-"""`Refusals`: refused triggers on their way into the results."""
+"""`Refusals`: record refused triggers in the results, in the background."""
 
 import threading
 from collections import deque
@@ -42,7 +42,7 @@ class Refusals:
 
     @contextmanager
     def recording(self, store: ResultStore, is_simulated: Callable[[], bool]) -> Iterator[None]:
-        """Record during the block; what the database does not take then is published as lost."""
+        """Record during the block; a refusal that cannot be written is published as unrecorded."""
         thread = threading.Thread(
             target=self._run, args=(store, is_simulated), name="station refusals"
         )
@@ -62,7 +62,7 @@ class Refusals:
         refused = RefusedTrigger(trigger.source, utc, reason, False, part_id)
         with self._changed:
             if self._closed.is_set():
-                self._tell([refused], recorded=False)
+                self._publish_all([refused], recorded=False)
                 return
             self._last = refused
             if len(self._waiting) < MAX_WAITING:
@@ -93,7 +93,7 @@ class Refusals:
                     self._waiting.popleft()
                 self._overflow -= overflow
             self._wait_for_room(self._closed.is_set)
-            self._tell(refused, recorded=recorded, overflow=overflow)
+            self._publish_all(refused, recorded=recorded, overflow=overflow)
             self._closed.wait(len(refused) / _ROWS_PER_S)
 
     def _rows_to_write(self) -> tuple[list[RefusedTrigger], int]:
@@ -103,7 +103,9 @@ class Refusals:
             refused.append(self._last._replace(part_id=None, reason=reason))
         return refused, overflow
 
-    def _tell(self, refused: list[RefusedTrigger], *, recorded: bool, overflow: int = 0) -> None:
+    def _publish_all(
+        self, refused: list[RefusedTrigger], *, recorded: bool, overflow: int = 0
+    ) -> None:
         """Publish rows; the last one stands for `overflow` triggers, if there are any."""
         counts = [1] * len(refused)
         if overflow:

@@ -24,7 +24,7 @@ _LOCK = "sets"
 _TIMEOUT_S = 60.0
 # Number of files in one transaction; an interrupted removal repeats at most so many.
 _BATCH = 200
-# Least number of days with parts that stay: that of a clock set ahead, and the one before.
+# Least number of days with parts whose sets stay: one that a wrong clock made, and the one before.
 _MIN_DAYS = 2
 # Period of removals: an hour, so that each is short.
 PERIOD_S = 3600.0
@@ -48,7 +48,7 @@ def remove_old_sets(
 ) -> int:
     """Remove set files that the retention does not keep, and return how many.
 
-    They are removed in batches until `stop`. Each batch is recorded first.
+    They are removed in batches until `stop`; each batch is recorded before it is removed.
     """
     make_folder(folder / PARTS)
     with file_lock(folder / PARTS / _LOCK, 0.0):

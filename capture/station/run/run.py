@@ -29,7 +29,7 @@ class RunOptions:
     operator: str | None = None  # None for that of the configuration
     parts: int | None = None  # number after which the run ends; None for no end
     report_alive: ReportAlive = lambda _: None
-    is_collecting: bool = False  # parts are captured to be taught, and none is judged
+    is_collecting: bool = False  # capture parts for teaching, and judge none
 
 
 def run_station(

@@ -26,7 +26,7 @@ from .events import SelfTestFinished
 
 # Allowed difference of the clocks of two computers that write to one database.
 _CLOCK_TOLERANCE = timedelta(seconds=2)
-# Hidden: a backup leaves it out, and would fail on a file that is removed meanwhile.
+# Hidden, so that a backup leaves it out: the backup would fail when the file is removed meanwhile.
 _PROBE = ".self-test.tmp"
 
 
@@ -55,7 +55,7 @@ class SelfTest:
 
     @contextmanager
     def collecting(self) -> Iterator[Callable[[list[Check]], None]]:
-        """Yield a function that takes checks and raises as `require_no_fault`."""
+        """Yield a function that adds checks and raises like `require_no_fault`."""
         checks: list[Check] = []
 
         def require(results: list[Check]) -> None:

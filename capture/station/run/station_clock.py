@@ -7,7 +7,7 @@ from datetime import UTC, datetime, timedelta
 
 from capture.base.utc_time import utc_text
 
-# Smaller differences get no note: time servers correct a clock, at most by the rate of adjtime(3).
+# Smaller steps get no note: a time service corrects the clock by up to 500 ppm (adjtime(3)).
 _STEP_S = 2.0
 _SLEW_RATE = 5e-4
 
@@ -29,11 +29,11 @@ class StationClock:
         self._read_s = self._read()
 
     def now(self) -> str:
-        """Return the time as records have it."""
+        """Return the present time, in the form of records."""
         return utc_text(self._utc(), timespec="milliseconds")
 
     def at(self, monotonic_s: float) -> str:
-        """Return the time of a past instant of the monotonic clock, as records have it."""
+        """Return the time of a past instant of the monotonic clock, in the form of records."""
         passed = timedelta(seconds=self.monotonic_s() - monotonic_s)
         return utc_text(self._utc() - passed, timespec="milliseconds")
 

@@ -29,7 +29,7 @@ MAX_KNOWN = 10_000
 
 
 class PartCamera(Protocol):
-    """The rig as the cycle sees it. All methods are called from one thread."""
+    """What the cycle needs of a rig. All methods are called from one thread."""
 
     @property
     def is_simulated(self) -> bool:
@@ -72,7 +72,7 @@ class StationRig:
         # Number of parts of the sensor that were captured or refused, and the controller that
         # counts them.
         self._counted, self._controller = 0, ""
-        self._parts: dict[str, int] = {}  # numbers of the last parts by the hash of their pixels
+        self._number_by_pixels: dict[str, int] = {}  # of the last parts, by the hash of the pixels
 
     @property
     def is_simulated(self) -> bool:
@@ -116,7 +116,7 @@ class StationRig:
         return True
 
     def missed_parts(self) -> int:
-        """Return the number of parts since the last call that passed the sensor without a wait."""
+        """Return the number of parts since the last call that passed while none was awaited."""
         # Parts that pass while the rig is closed count; those before a restart of the controller do
         # not.
         lights = self._opened().lights
@@ -167,15 +167,15 @@ class StationRig:
         return None if calibration is None else calibration.file
 
     def _require_new(self, pixels_sha256: str, number: int) -> None:
-        """Refuse the pixels of an earlier part: the noise of two exposures differs."""
-        earlier = self._parts.setdefault(pixels_sha256, number)
+        """Raise CameraError for the pixels of an earlier part: noise makes all sets differ."""
+        earlier = self._number_by_pixels.setdefault(pixels_sha256, number)
         if earlier != number:
             raise CameraError(
                 f"every pixel is that of part number {earlier}: the camera repeats its images; "
                 "restart it"
             )
-        if len(self._parts) > MAX_KNOWN:
-            del self._parts[next(iter(self._parts))]
+        if len(self._number_by_pixels) > MAX_KNOWN:
+            del self._number_by_pixels[next(iter(self._number_by_pixels))]
 
     def _with_light_of(self, recipe: Recipe) -> RigConfig:
         return self._base_config.with_changes(camera=recipe.light.of_camera)

@@ -1,4 +1,4 @@
-"""`StationState`: what a station is and shows at one moment, and how each event changes it."""
+"""`StationState`: the state of a station at one moment, and how each event changes it."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping
@@ -51,7 +51,7 @@ class _RejectedPart:
 
 @dataclass(frozen=True)
 class StationState:
-    """The state that a station shows at one moment."""
+    """The state of a station at one moment."""
 
     station: str
     simulated: bool
@@ -72,7 +72,7 @@ class StationState:
     announced: Mapping[Decision, int] = field(default_factory=dict)
     refused: int = 0
     parts_per_minute: float = 0.0  # over the last minute
-    rejected: tuple[_RejectedPart, ...] = ()  # that did not pass, the newest first
+    rejected: tuple[_RejectedPart, ...] = ()  # the last ones, the newest first
     subscribers: int = 0  # browsers and programs that follow the events
 
     @property
@@ -87,7 +87,7 @@ class StationState:
 
     @property
     def is_stopped_by_errors(self) -> bool:
-        """Whether the line stands until somebody acknowledges the errors in a row."""
+        """Whether the line is stopped until somebody acknowledges the errors in a row."""
         return self.fault is not None and self.fault.in_a_row > 0
 
     def fields(self) -> dict[str, Any]:
@@ -196,6 +196,6 @@ def _tested(before: tuple[Device, ...], checks: Iterable[Check]) -> tuple[Device
         if device.status == "ok" and counts[name] > 1:
             devices[name] = Device(name, "ok", f"{counts[name]} checks are ok")
     if "lights" in devices and "camera" not in devices:
-        # Light was measured, with the camera.
+        # The checks of the lights measured images of the camera.
         devices["camera"] = Device("camera", "ok", "light images were captured")
     return _replaced(before, devices.values())

@@ -1,4 +1,4 @@
-"""Triggers, which tell the station that a part lies below the camera."""
+"""Triggers and their sources; a trigger says that a part lies below the camera."""
 
 import time
 from collections.abc import Callable
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 _POLL_S = 0.2
 _SENSOR = "sensor"
 _MISSED = "passed the sensor while the station was busy or not ready"
-# Largest number of missed parts with a row each. A sensor that counts more between two waits is
-# faulty; one row counts the others.
+# Largest number of missed parts with a row each; one row counts the others. A sensor that counts
+# more between two waits is faulty.
 MAX_RECORDED = 20
 
 
 class Asker(NamedTuple):
-    """Who asks for a recipe: a name, and a role such as ``engineer``."""
+    """The person or program that requests a recipe; a role is one such as ``engineer``."""
 
     name: str
     role: str
@@ -76,8 +76,8 @@ class Trigger:
     """A part lies below the camera."""
 
     source: str  # ``timer``, ``enter``, ``sensor``, ``http`` or ``modbus``
-    part_id: str | None = None  # unique in the station, which chooses one for None
-    recipe: str | None = None  # that must judge the part; None for any
+    part_id: str | None = None  # unique in the station; None lets the station generate one
+    recipe: str | None = None  # recipe that must judge the part; None for any
     at_s: float = field(default_factory=time.monotonic, compare=False)
     # Whether the client has gone before the answer; not part of a request over a socket.
     is_withdrawn: Annotated[Callable[[], bool], Field(exclude=True)] = field(
@@ -139,7 +139,7 @@ Answer = Accepted | Refused
 class TimerTrigger:
     """A trigger in each period, or whenever the station is ready if the period is 0.
 
-    If triggers are late, one row counts those that are refused.
+    Triggers that are late by a period or more are refused; one row counts them.
     """
 
     def __init__(self, period_s: float, now_s: Callable[[], float] = time.monotonic) -> None:
@@ -167,8 +167,7 @@ class TimerTrigger:
                 continue
             station.submit(Trigger("timer"))
             next_s += self._period_s
-            # After the submission: a refusal that takes longer than a period would make every
-            # trigger late.
+            # After the submission, because a slow refusal would make this trigger late as well.
             _refuse_missed(station, missed)
             missed = 0
         _refuse_missed(station, missed + self._missed(self._now_s() - next_s))
