@@ -46,7 +46,7 @@ class LimitRow:
     """A row of the table: how a limit and its measure are judged and shown."""
 
     label: str  # of the measure
-    side: Literal["least", "largest", "range"]
+    kind: Literal["least", "largest", "range"]
     cause: Cause  # of a value beyond the limit
     format_spec: str  # of measure and limit, such as ``.2f``
     of_teaching: bool = False  # whether teaching measures the limit
@@ -56,9 +56,9 @@ class LimitRow:
     def bounds(self, limit: float | _Range) -> Iterator[tuple[Side, float]]:
         """Yield the bounds of a limit."""
         least, largest = limit if isinstance(limit, tuple) else (limit, limit)
-        if self.side != "largest":
+        if self.kind != "largest":
             yield "at least", least
-        if self.side != "least":
+        if self.kind != "least":
             yield "at most", largest
 
     def text_within(self, value: float, limit: float | _Range) -> str:
@@ -207,7 +207,7 @@ ROWS = {
     for name, field in Limits.model_fields.items()
 }
 """The rows of the table, by the key of the limit."""
-RANGES = tuple(name for name, row in ROWS.items() if row.side == "range")
+RANGES = tuple(name for name, row in ROWS.items() if row.kind == "range")
 """Limits that have a least and a largest value."""
 MEASURES_OF = {name: row.measure or name for name, row in ROWS.items() if name not in _MATCH_FIELDS}
 """The field of `LimitedMeasures` that each limit bounds."""

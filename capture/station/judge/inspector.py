@@ -47,8 +47,8 @@ _MATCH_FIELDS = ("label", "nearest", "orientation_deg", "distance", "limit", "ma
 _LIMITED_MEASURES = tuple(measure.name for measure in fields(LimitedMeasures))
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MAX_DEFECTS = 50
-# Largest number of listed regions of each kind of window, seam and window. Windows that overlap are
-# one region, so there are few.
+# Largest number of listed regions of seams, and of windows. Windows that overlap are one region, so
+# there are few.
 _MAX_WINDOW_REGIONS = 10
 # Largest share of an LED's light in the ambient image without a note. Sets of sound LEDs get none,
 # an LED with 3 % gets one (tests/capture/station/run/test_weak_led.py).

@@ -20,10 +20,11 @@ _SETTINGS = (
 """Keys of a recipe that people set; teaching and approval write all others."""
 
 Place = tuple[str | int, ...]
+"""Path of a field, such as ``("limits", "margin")``."""
 
 
 class SettingsRefused(RecipeError):  # noqa: N818 - caused by the input, not by the program
-    """Invalid settings of a recipe; `messages` are by field, such as ``("limits", "margin")``."""
+    """Invalid settings of a recipe; `messages` are by the `Place` of the field."""
 
     def __init__(self, messages: Mapping[Place, str]) -> None:
         self.messages = dict(messages)
