@@ -202,7 +202,7 @@ class _ChartPoint:
     triggered_utc: str
     value: float  # arithmetic mean of levels, geometric mean of distances
     broken_rules: tuple[str, ...]  # Western Electric rules that the point breaks, in words
-    new_rules: tuple[str, ...]  # those of them that a running station would report as new
+    new_rules: tuple[str, ...]  # the broken rules that a running station would report as new
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .cycle import Station
 
 Subscriber = Callable[[LiveEvent], None]
-# Events of some hundred parts; a subscriber that is further behind counts as hung.
+# Events of two hundred parts; a subscriber that is further behind counts as hung.
 MAX_EVENTS = 1000
 _POLL_S = 0.02
 _log = logging.getLogger(__name__)

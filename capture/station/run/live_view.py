@@ -14,11 +14,11 @@ from pydantic import TypeAdapter
 from .events import Event, Noted, PartAnnounced, PartRecovered, json_fields
 from .station_state import StationState
 
-# Number of events that are kept. A part has four, so that a browser that was disconnected for a
-# hundred parts misses none.
+# Number of events that are kept, five for each part: a browser that was disconnected for eighty
+# parts misses none.
 _KEPT_EVENTS = 400
-# Largest number of events that wait for a subscriber, those of fifty parts. One that is further
-# behind reads the state again.
+# Largest number of events that wait for a subscriber, those of forty parts. A subscriber that is
+# further behind reads the state again.
 MAX_WAITING = 200
 _RATE_WINDOW_S = 60.0
 # Number of times that are kept for the rate: 10 parts a second in the window.

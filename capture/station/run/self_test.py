@@ -120,16 +120,18 @@ def check_results(store: ResultStore) -> Iterator[Check]:
     yield Check("clock", "ok", f"after the last result, of {last_at}")
 
 
-def check_calibration_age(found: FoundCalibration | None, rule: CalibrationRule) -> Iterator[Check]:
+def check_calibration_age(
+    calibration: FoundCalibration | None, rule: CalibrationRule
+) -> Iterator[Check]:
     """Check the ages of the calibration, and that there is one where the recipe requires it."""
     name = "calibration"
-    if found is None:
+    if calibration is None:
         if rule.required:
             advice = "set calibration = 'NAME.ps4cal' in rig.toml; ps4rig calibrate makes one"
             yield Check(name, "fault", "the recipe requires one, the rig names none", advice)
         return
     now = datetime.now(UTC)
-    ages_days = {part: record.age_days(now) for part, record in found.file.records.items()}
+    ages_days = {part: record.age_days(now) for part, record in calibration.file.records.items()}
     for part, age_days in ages_days.items():
         fault = rule.age_fault(age_days)
         if fault is not None:
