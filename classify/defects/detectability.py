@@ -97,7 +97,7 @@ def detectability(
     strengths: dict[KnownDefect, list[float]] = {defect: [] for defect in defects}
     for surface, orientation_deg in parts:
         part = _middle_of(surface)
-        unsettled = [defect for defect, known in strengths.items() if not _has_enough_places(known)]
+        unsettled = [defect for defect in defects if not _has_enough_places(strengths[defect])]
         if not unsettled:
             break
         for defect in unsettled:
@@ -108,9 +108,9 @@ def detectability(
                     model, part, orientation_deg or 0.0, limit, defect, places
                 )
     return tuple(
-        Detectability(defect, stated_strength(known))
-        for defect, known in strengths.items()
-        if known
+        Detectability(defect, stated_strength(strengths[defect]))
+        for defect in defects
+        if strengths[defect]
     )
 
 
@@ -178,7 +178,7 @@ def threshold_strengths(
         low, high = np.where(is_found, low, middle), np.where(is_found, middle, high)
     # `below` is NaN where the defect was found in every step: no lower score to interpolate from.
     share = np.where(np.isnan(below), 0.5, -below / np.maximum(above - below, _MIN_SCORE))
-    share = np.clip(share, 0.0, 1.0)  # outside of it only where no defect is found
+    share = np.clip(share, 0.0, 1.0)  # outside of [0, 1] only where no defect is found
     return np.where(is_ever_found, np.exp(low + share * (high - low)), np.inf)
 
 
