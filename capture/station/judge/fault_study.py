@@ -30,7 +30,7 @@ _LARGE_STRENGTH = 0.2
 
 # Number of good parts of each texture that are studied for an approval.
 _PARTS = 3
-_MIDDLE_SHARE = 0.25  # of the frame, within which the middle of a fault lies
+_MIDDLE_SHARE = 0.25  # largest offset of a fault from the middle of the frame, as a share of it
 _MAX_BYTES = 1 << 20
 _Images = npt.NDArray[np.float32]
 _Unit = Literal["of the frame", "of the taught value"]

@@ -40,12 +40,12 @@ def state_of(files: RecipeFolder, calibration: str | None) -> RecipeState:
     recipe, replay = read_recipe(files.file), last_replay(files)
     try:
         taught = taught_for(recipe, files)
-        found = FoundCalibration.of_rig(calibration)
+        found_calibration = FoundCalibration.of_rig(calibration)
     except InputError as error:
         return RecipeState(recipe, str(error), "not replayed", False, replay)
     try:
         parts = len(read_challenge(files.challenge).sets)
-        valid = valid_replay(files, Fingerprint.of(recipe, taught, found))
+        valid = valid_replay(files, Fingerprint.of(recipe, taught, found_calibration))
     except InputError as error:
         return RecipeState(recipe, None, str(error), False, replay)
     if valid is None:

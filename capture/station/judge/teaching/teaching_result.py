@@ -123,8 +123,8 @@ class Teaching:
 
     def least_found(self) -> Iterator[str]:
         """Yield the weakest defect that is found, for each texture, kind and size."""
-        for texture, found in self.taught.least_found.items():
-            yield from (f"{texture}: {remark}" for remark in found)
+        for texture, defects in self.taught.least_found.items():
+            yield from (f"{texture}: {defect}" for defect in defects)
 
     def _few_parts(self) -> Iterator[str]:
         """Remarks on textures with fewer than `_ENOUGH_PARTS` parts that overlap or are good."""
