@@ -170,9 +170,9 @@ def example_config(name: str) -> str:
 
 
 def _entries(
-    model: type[BaseModel], given: Mapping[str, Any], comment_mark: str = ""
+    model: type[BaseModel], values: Mapping[str, Any], comment_mark: str = ""
 ) -> Iterator[str]:
-    """Yield lines: all keys with their defaults, then the sections."""
+    """Yield lines: all keys with their `values` or defaults, then the sections."""
     sections = []
     for key, field in model.model_fields.items():
         kinds = (field.annotation, *get_args(field.annotation))
@@ -184,7 +184,7 @@ def _entries(
             sections += ["", f"# {field.description}", f"{section_mark}[{key}]"]
             sections += _entries(section, {}, section_mark)
             continue
-        value = given.get(key, None if field.is_required() else field.default)
+        value = values.get(key, None if field.is_required() else field.default)
         entry = (field.examples or [None])[0] if value is None else value
         mark = "# " if value is None else comment_mark
         yield f"{mark}{key} = {json.dumps(entry)}  # {field.description}"

@@ -41,7 +41,7 @@ COMMENTS = {
 _TABLES = ("orientation", "limits", "limits_of", "region", "light", "calibration", "approval")
 SECTIONS = {name: f"{COMMENTS[name][0].upper()}{COMMENTS[name][1:]}." for name in _TABLES}
 """What the sections of a recipe mean."""
-# A library of 100,000 references has 2 GB (`classify/library/ps4lib.py`).
+# A library of 100,000 references has 1.1 GB (`classify/library/ps4lib.py`).
 _MAX_BYTES = 1 << 34
 _BLOCK_BYTES = 1 << 20
 _DIGITS = 8  # of a hash in a file name
