@@ -219,21 +219,26 @@ class Inspector:
         if match is not None and texture in self._models:
             models = self._models[texture]
             with _timed(timings_ms, "defects"):
-                measure = partial(models.pieces.measure, moments(), match.orientation_deg)
-                wait_for_pieces = in_background(partial(measure, ring_means(signature)))
-                defect_map = models.defects.map_of_fields(fields(), match.orientation_deg)
+                rings, orientation_deg = ring_means(signature), match.orientation_deg
+                wait_for_pieces = in_background(
+                    partial(models.pieces.measure, moments(), orientation_deg, rings)
+                )
+                defect_map = models.defects.map_of_fields(fields(), orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
-                measures = replace(measures, defect_score=defect_map.worst, unjudged_px=gap_px)
                 limits = self.recipe.limits_for(texture)
-                pieces = wait_for_pieces()
                 outlined = self._defects(defect_map, limits.defect)
+                pieces = wait_for_pieces()
                 defects = (*outlined, *self._windows(pieces, limits))
-                piece_measures = {
-                    name: getattr(pieces, name)
-                    for name in _LIMITED_MEASURES
-                    if hasattr(pieces, name)
-                }
-                measures = replace(measures, **piece_measures)
+                measures = replace(
+                    measures,
+                    defect_score=defect_map.worst,
+                    unjudged_px=gap_px,
+                    octaves=pieces.octaves,
+                    scale=pieces.scale,
+                    handedness=pieces.handedness,
+                    window=pieces.window,
+                    seam=pieces.seam,
+                )
         taught = self._taught_signals.get(
             texture, np.mean([*self._taught_signals.values()], axis=0)
         )
