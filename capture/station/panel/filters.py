@@ -73,7 +73,7 @@ class Filters(StatisticsFilters):
     def selection(self) -> Selection:
         """The parts that they select."""
         decision = Decision(self.verdict) if self.verdict else None
-        return replace(super().selection, decision=decision, part_of_id=self.part or None)
+        return replace(super().selection, decision=decision, id_contains=self.part or None)
 
 
 _FILTERS = {field.alias or name: field.description for name, field in Filters.model_fields.items()}

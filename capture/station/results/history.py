@@ -65,7 +65,7 @@ class Selection:
     recipe: str | None = None
     simulated: bool | None = None  # False selects production, True parts of a simulated rig
     part_id: str | None = None
-    part_of_id: str | None = None  # contained in the id, in any case
+    id_contains: str | None = None  # a part of the id, in upper or lower case
     below_number: int | None = None
 
 
@@ -237,8 +237,8 @@ def conditions(station: str, selection: Selection) -> Iterator[ColumnElement[boo
         if value is not None:
             # An id with invalid characters matches no row.
             yield column == (storable(value) if isinstance(value, str) else value)
-    if selection.part_of_id is not None:
-        text = storable(selection.part_of_id)
+    if selection.id_contains is not None:
+        text = storable(selection.id_contains)
         yield results.c.part_id.icontains(text, autoescape=True)
     if selection.below_number is not None:
         yield results.c.number < selection.below_number

@@ -48,9 +48,9 @@ def test_all_pages_together_have_every_part_once(tmp_path: Path, count: int) -> 
 )
 def test_what_no_database_can_hold_selects_nothing(store: ResultStore, value: str) -> None:
     inspect(store)
-    names = ("part_id", "part_of_id", "label", "recipe")
+    names = ("part_id", "id_contains", "label", "recipe")
     for selection in (
-        Selection(**{name: value}) for name in names if value or name != "part_of_id"
+        Selection(**{name: value}) for name in names if value or name != "id_contains"
     ):
         assert list(store.parts(selection)) == []
         assert store.counters(selection).production.parts == 0
@@ -63,5 +63,5 @@ def test_parts_are_found_by_a_part_of_their_id(
 ) -> None:
     for part_id in ("A-1", "xa-17", "b_2"):
         inspect(store, part_id=part_id)
-    entries = store.parts(Selection(part_of_id=text))
+    entries = store.parts(Selection(id_contains=text))
     assert [each.result.part_id for each in entries] == found
