@@ -50,7 +50,7 @@ from .teaching_limits import (
     limits_of_texture,
     manual_limits,
     replaced_remarks,
-    with_set_limits,
+    with_manual_limits,
     with_unjudged,
 )
 from .teaching_page import write_teaching_page
@@ -81,7 +81,7 @@ def teach(
         recipe = _next_version(files, before, textures, emptied, bad=bad_texture is not None)
         _check_good_parts(recipe, sets)
         known_limits = {} if before is None else limits_measured_before(files, before)
-        teaching = _taught(files, recipe, sets, known_limits, show)
+        teaching = _teaching_of(files, recipe, sets, known_limits, show)
         teaching.taught.write(teaching.files.taught)
         measured = teaching.recipe.model_copy(update={"limits_of": teaching.measured})
         write_recipe(teaching.files.measured, measured)
@@ -142,7 +142,7 @@ def _check_good_parts(recipe: Recipe, sets: Sequence[KeptSet]) -> None:
             )
 
 
-def _taught(
+def _teaching_of(
     files: RecipeFolder,
     recipe: Recipe,
     sets: Sequence[KeptSet],
@@ -175,7 +175,8 @@ def _taught(
         for name, learned in defects.items()
     }
     textures = {
-        name: _texture(name, parts, matches, version, models, defects) for name in library.classes
+        name: _taught_texture(name, parts, matches, version, models, defects)
+        for name in library.classes
     }
     taught = Taught(
         setting=parts[0].setting,
@@ -184,9 +185,9 @@ def _taught(
         library_sha256=file_sha256(version.library),
         textures=textures,
     )
-    before, set_by_people = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
+    before, manual = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
     measured = _measured_limits(recipe, parts, matches, models)
-    recipe = _with_limits(recipe, with_set_limits(measured, set_by_people), taught)
+    recipe = _with_limits(recipe, with_manual_limits(measured, manual), taught)
     inspections = _inspections(recipe, taught, library, models, parts, show)
     measured = {
         name: with_unjudged(
@@ -200,14 +201,14 @@ def _taught(
         )
         for name, limits in measured.items()
     }
-    limits_of = with_set_limits(measured, set_by_people)
+    limits_of = with_manual_limits(measured, manual)
     if limits_of != recipe.limits_of:
         recipe = recipe.model_copy(update={"limits_of": limits_of})
         inspections = _inspections(recipe, taught, library, models, parts, show)
     bounds = {name: model.defects.false_alarm_bound for name, model in models.items()}
     remarks = [
         *unlabelled_remarks(unlabelled),
-        *kept_remarks(measured, set_by_people),
+        *kept_remarks(measured, manual),
         *_blind_spots(models),
         *(
             mark_remark(name, len(good[name]), learned.mark)
@@ -272,7 +273,7 @@ def _piece_model(parts: Sequence[TaughtPart], library: TextureLibrary) -> PieceM
     return learn_pieces(good, np.mean(changes, axis=0))
 
 
-def _texture(
+def _taught_texture(
     texture: str,
     parts: Sequence[TaughtPart],
     matches: Sequence[Match | None],
@@ -288,7 +289,8 @@ def _texture(
     signals = [part.light_signals for part, _ in of_texture]
     means = tuple(sum(levels) / len(of_texture) for levels in zip(*signals, strict=True))
     taught = TaughtTexture(
-        sets=tuple(_set(part.kept_set, match) for part, match in of_texture), light_signals=means
+        sets=tuple(_taught_set(part.kept_set, match) for part, match in of_texture),
+        light_signals=means,
     )
     if texture not in models:
         return taught
@@ -306,7 +308,7 @@ def _texture(
     return taught.model_copy(update=changes)
 
 
-def _set(kept_set: KeptSet, match: Match | None) -> TaughtSet:
+def _taught_set(kept_set: KeptSet, match: Match | None) -> TaughtSet:
     if match is None:
         return TaughtSet(file=kept_set.path.name, pixels_sha256=kept_set.pixels_sha256)
     return TaughtSet(

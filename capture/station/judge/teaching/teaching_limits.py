@@ -112,19 +112,19 @@ def manual_limits(present: LimitsOf, measured: LimitsOf | None) -> LimitsOf:
     return manual
 
 
-def with_set_limits(measured: LimitsOf, by_people: LimitsOf) -> dict[str, Limits]:
+def with_manual_limits(measured: LimitsOf, manual: LimitsOf) -> dict[str, Limits]:
     """Return measured limits, replaced by the limits that people set."""
     return {
         texture: limits.model_copy(
-            update=by_people.get(texture, Limits()).model_dump(exclude_none=True)
+            update=manual.get(texture, Limits()).model_dump(exclude_none=True)
         )
         for texture, limits in measured.items()
     }
 
 
-def kept_remarks(measured: LimitsOf, by_people: LimitsOf) -> Iterator[str]:
+def kept_remarks(measured: LimitsOf, manual: LimitsOf) -> Iterator[str]:
     """Yield a remark on each limit that people set, with the measured one."""
-    for texture, limits in by_people.items():
+    for texture, limits in manual.items():
         taught = dict(measured.get(texture, Limits()))
         for name, value in limits.model_dump(exclude_none=True).items():
             replaced = taught[name]

@@ -57,7 +57,7 @@ class Teaching:
     # Largest share of good parts that the defect map rejects, by texture.
     false_alarm_bounds: Mapping[str, float]
     measured: LimitsOf  # the limits that were measured; people may have set others in the recipe
-    limit_remarks: tuple[str, ...]
+    teaching_remarks: tuple[str, ...]
     uniformity: Mapping[str, Uniformity]  # by texture
 
     @property
@@ -70,7 +70,7 @@ class Teaching:
         """Remarks for a person to check before the approval of the recipe."""
         overlaps = map(str, self.overlaps)
         classes = uniformity_remarks(self.uniformity)
-        others = (*self.limit_remarks, *self._unexpected_verdicts(), *self._few_parts())
+        others = (*self.teaching_remarks, *self._unexpected_verdicts(), *self._few_parts())
         return (*overlaps, *classes, *others)
 
     def fields(self) -> dict[str, Any]:
