@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from capture.station.domain.folder import StationFolder, keep_recipe
-from capture.station.domain.recipe import Light
+from capture.station.domain.recipe import CameraSettings
 from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.judge.approval import approve
 from capture.station.judge.challenge import require_challenge
@@ -103,7 +103,7 @@ def test_the_rig_is_tested_with_the_exposure_of_the_recipe(
     status: str,
 ) -> None:
     small_rig.write_text(small_rig.read_text().replace("[camera]", "[camera]\nexposure_ms = 15.0"))
-    light = Light(exposure_ms=exposure_ms)
+    light = CameraSettings(exposure_ms=exposure_ms)
     write_recipe(files.file, read_recipe(files.file).model_copy(update={"light": light}))
     approve(files, "Ada")
     assert statuses(ps4rig("station", "doctor", station, "--json"))["taught rig"] == status
