@@ -208,9 +208,9 @@ def _lines(event: Event) -> list[str]:
             remark = "" if is_recorded else "; not in the results"
             return [f"trigger by {source}{part} refused: {reason}{remark}"]
         case PartAnnounced(result, latency_ms):
-            return [f"{_part(result)} ({latency_ms:.0f} ms)"]
+            return [f"{_part_text(result)} ({latency_ms:.0f} ms)"]
         case PartRecovered(result):
-            return [f"{_part(result)} (of an earlier run)"]
+            return [f"{_part_text(result)} (of an earlier run)"]
         case Warned(text):
             return [f"warning: {text}"]
         case StationStopped(reason, parts, refused):
@@ -226,9 +226,13 @@ def json_fields(event: Event) -> dict[str, Any]:
         case Noted(fields):
             return dict(fields)
         case PartAnnounced(result, latency_ms):
-            return {"event": event.kind, **_of(result), "latency_ms": round(latency_ms, 1)}
+            return {
+                "event": event.kind,
+                **_result_fields(result),
+                "latency_ms": round(latency_ms, 1),
+            }
         case PartRecovered(result):
-            return {"event": event.kind, **_of(result)}
+            return {"event": event.kind, **_result_fields(result)}
         case StateChanged(state, _, fault):
             return {
                 "event": event.kind,
@@ -240,11 +244,11 @@ def json_fields(event: Event) -> dict[str, Any]:
             return {"event": event.kind, **asdict(event)}
 
 
-def _of(result: PartResult) -> dict[str, Any]:
+def _result_fields(result: PartResult) -> dict[str, Any]:
     return {name: result.row[name] for name in _RESULT_FIELDS}
 
 
-def _part(result: PartResult) -> str:
+def _part_text(result: PartResult) -> str:
     simulated = ", simulated" if result.simulated else ""
     notes = "".join(f"; {note}" for note in result.notes)
     verdict = result.verdict
