@@ -122,7 +122,8 @@ def _next_version(
     changes["limits_of"] = {
         name: limits for name, limits in before.limits_of.items() if name not in emptied
     }
-    # After a roll-back the files of later versions stay; their numbers are not used again.
+    # After a roll-back, or without the recipe's own file, the files of later versions stay; their
+    # numbers are not used again.
     taught = [*files.taught_versions()[:1], *([before.version] if before.taught else [])]
     version = max([before.version, *(number + 1 for number in taught)])
     return Recipe.model_validate({**dict(before), **changes, "version": version})
