@@ -61,7 +61,7 @@ def run_checks(
     is booted again if the emulator failed. Without results, all checks fail.
     """
     variables = [f"{name}={value}" for name, value in (environment or {}).items()]
-    # Plugins and the conftest.py of all tests would take the guest a minute to import.
+    # Plugins and the conftest.py of all tests would take the guest half a minute to import.
     pytest_there = [
         *("-m", "pytest", "-p", "no:cacheprovider", "--disable-plugin-autoload"),
         *(f"--confcutdir={file.parent}", "--color=no", "--tb=short"),

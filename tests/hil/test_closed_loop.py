@@ -10,7 +10,6 @@ import pytest
 
 from capture import CapturedSet
 from capture.calibration.ps4cal import CalibrationFile
-from capture.session.folder import SessionFolder
 from classify import Lighting
 from rig import synthetic_surface
 from rig.scene.render import render_frame
@@ -23,12 +22,10 @@ from .guest.loop_bench import (
     HOT_PIXELS,
     ROTATE_DEG,
     SEED,
-    SESSION_SETS,
     SETS,
     SIDE_PX,
     SURFACE,
     ps4rig,
-    session_plan,
 )
 
 pytestmark = pytest.mark.kernel
@@ -66,15 +63,9 @@ def run(*arguments: object) -> str:
 @pytest.fixture(scope="module")
 def loop(tmp_path_factory: pytest.TempPathFactory) -> Loop:
     shared = tmp_path_factory.mktemp("loop")
-    # A session compares its sets, which takes further kernels.
-    plan = shared / "here.toml"
-    plan.write_text(session_plan("here", f'surface = "{SURFACE}"'))
     rendered = ("--surface", SURFACE, "--rotate", ROTATE_DEG, "--size", SIDE_PX)
-    environment = compile_for_guest(
-        shared,
-        ps4rig("capture", "--rig", "sim", *rendered, shared / "here.ome.tif"),
-        ps4rig("session", "run", plan, "--rig", "sim", "--yes"),
-    )
+    captured = ps4rig("capture", "--rig", "sim", *rendered, shared / "here.ome.tif")
+    environment = compile_for_guest(shared, captured)
     outcomes = run_checks(CHECKS, shared, modules=MODULES, environment=environment)
     return Loop(outcomes, shared)
 
@@ -111,20 +102,6 @@ def test_every_frame_began_after_its_light_had_settled(loop: Loop) -> None:
         (frame,) = image.frames
         assert image.led_acknowledged_s is not None
         assert frame.exposure_start_s >= image.led_acknowledged_s + 0.02
-
-
-def test_the_sets_of_the_session_are_whole_and_agree(loop: Loop) -> None:
-    session = SessionFolder(loop.shared / "lab")
-    run("verify", session.path)
-    assert session.missing() == []
-    assert [record.finish for record in session.journal.runs] == [None, "complete"]
-    estimates = [
-        entry.measures.estimated_deg for entry in session.journal.entries if entry.measures
-    ]
-    assert len({entry.pixels_sha256 for entry in session.journal.entries}) == SESSION_SETS
-    assert [each for each in estimates if each is not None] == pytest.approx(
-        [ROTATE_DEG] * (SESSION_SETS - 1), abs=1.0
-    )
 
 
 def test_solve_accepts_the_set(loop: Loop) -> None:

@@ -19,20 +19,6 @@ SETS = 2
 # The part: another patch of the surface than the library is trained on, and rotated.
 SURFACE, SEED, ROTATE_DEG = "sand", 7, 40.0
 HOT_PIXELS = 6
-SESSION_SETS = 3
-
-
-def session_plan(name: str, more: str = "") -> str:
-    """A plan of one specimen, placed once and captured `SESSION_SETS` times."""
-    return f"""
-name = "{name}"
-operator = "J. Wu"
-orientations_deg = [{ROTATE_DEG:g}]
-repeats = {SESSION_SETS}
-[[specimen]]
-id = "sand-1"
-{more}
-"""
 
 
 def rig_toml(pixel_format: str = "Y16") -> str:
