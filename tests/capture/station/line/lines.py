@@ -48,10 +48,6 @@ class RunningLine:
         """Reasons of the triggers that are recorded as refused."""
         return [each.reason for each in self.bench.of(TriggerRefused) if each.recorded]
 
-    def until_refused(self, count: int) -> list[str]:
-        until_so(lambda: len(self.refused()) >= count)
-        return self.refused()
-
 
 @contextmanager
 def running_line(
