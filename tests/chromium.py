@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-# Long enough for a browser `is_elsewhere` while other tests want all processors.
+# Long enough while other tests want all processors.
 WAIT_S = 300.0
 # The pipes of --remote-debugging-pipe are the descriptors 3 and 4.
 _START = 'exec chromium "$@" 3<&{commands} 4>&{answers}'
@@ -23,8 +23,6 @@ _OPTIONS = (
 # What it answers about a page from which it navigates just then.
 _LEFT = ("Inspected target navigated or closed", "Execution context was destroyed.",
          "Cannot find context with specified id")  # fmt: skip
-# Children inherit it.
-_ON_IDLE_PROCESSORS = ("chrt", "--idle", "0")
 # A page of many links and fields.
 _MOST_TABS = 200
 KEYS = {
@@ -198,24 +196,12 @@ class Page:
 
 
 @contextmanager
-def chromium(profile: Path, *, is_elsewhere: bool = False) -> Iterator[Chromium]:
-    """Run a browser with an empty profile.
-
-    One that `is_elsewhere` stands for a browser on another machine: all its processes have the
-    scheduling policy SCHED_IDLE, and run while no process of another policy wants the processor.
-    """
+def chromium(profile: Path) -> Iterator[Chromium]:
+    """Run a browser with an empty profile."""
     (its_commands, commands), (answers, its_answers) = os.pipe(), os.pipe()
     start = _START.format(commands=its_commands, answers=its_answers)
     process = subprocess.Popen(
-        (
-            *(_ON_IDLE_PROCESSORS if is_elsewhere else ()),
-            "bash",
-            "-c",
-            start,
-            "chromium",
-            *_OPTIONS,
-            f"--user-data-dir={profile}",
-        ),
+        ("bash", "-c", start, "chromium", *_OPTIONS, f"--user-data-dir={profile}"),
         pass_fds=(its_commands, its_answers),
         stderr=subprocess.DEVNULL,
     )

@@ -42,7 +42,6 @@ def run_in_guest(
     shared: Path,
     timeout_s: float,
     devices: Sequence[str] = (),
-    silence_s: float = _SILENCE_S,
 ) -> str:
     """Boot, load `modules`, run `command` with the environment's Python path, power off.
 
@@ -58,8 +57,6 @@ def run_in_guest(
         After this the guest is killed.
     devices
         QEMU options for more devices.
-    silence_s
-        The longest time without a sign of life of the guest.
 
     Returns
     -------
@@ -91,7 +88,7 @@ def run_in_guest(
         ) as machine,
     ):
         try:
-            fault = _awaited(machine, shared / "beat", timeout_s, silence_s)
+            fault = _awaited(machine, shared / "beat", timeout_s)
         finally:
             machine.kill()
     text = console.read_text(encoding="utf-8", errors="replace")
@@ -104,9 +101,7 @@ def run_in_guest(
     return text
 
 
-def _awaited(
-    machine: subprocess.Popen[bytes], beat: Path, timeout_s: float, silence_s: float
-) -> MachineError | None:
+def _awaited(machine: subprocess.Popen[bytes], beat: Path, timeout_s: float) -> MachineError | None:
     """Wait for the end of a guest; return why it did not come."""
     began_s = heard_s = time.monotonic()
     last_ns = 0
@@ -117,8 +112,8 @@ def _awaited(
         now_s, beat_ns = time.monotonic(), beat.stat().st_mtime_ns if beat.exists() else 0
         if beat_ns != last_ns:
             last_ns, heard_s = beat_ns, now_s
-        if now_s - heard_s > silence_s:
-            return EmulatorError(f"the guest was silent for {silence_s:g} s")
+        if now_s - heard_s > _SILENCE_S:
+            return EmulatorError(f"the guest was silent for {_SILENCE_S:g} s")
         if now_s - began_s > timeout_s:
             return MachineError(f"the guest did not end in {timeout_s:g} s")
 
