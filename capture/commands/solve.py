@@ -176,7 +176,7 @@ def _write_npz(loaded: LoadedSet, path: Path) -> None:
 
 
 def _write_ply(loaded: LoadedSet, path: Path) -> str:
-    from capture.maps.mesh import scaled_height, write_ply
+    from capture.maps.height_files import scaled_height, write_ply
 
     surface, height, per_px, unit = scaled_height(loaded)
     write_ply(path, height, surface.albedo, per_px, unit)
@@ -184,7 +184,7 @@ def _write_ply(loaded: LoadedSet, path: Path) -> str:
 
 
 def _write_stl(loaded: LoadedSet, path: Path) -> str:
-    from capture.maps.mesh import scaled_height, write_stl
+    from capture.maps.height_files import scaled_height, write_stl
 
     _, height, per_px, unit = scaled_height(loaded)
     write_stl(path, height, per_px, unit)
