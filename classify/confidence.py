@@ -7,17 +7,17 @@ from scipy.special import betaincinv, nctdtrit, ndtri
 from .base.errors import InputError
 
 CONFIDENCE = 0.95
-"""Confidence of one-sided bounds unless another is given, as usual in studies of gauges."""
+"""Confidence of one-sided bounds, as usual in studies of gauges."""
 
 
-def share_at_most(events: int, trials: int, confidence: float = CONFIDENCE) -> float:
+def share_at_most(events: int, trials: int) -> float:
     """Return the exact upper bound of a share (Clopper and Pearson 1934); 1 without trials.
 
     >>> round(share_at_most(0, 149), 3)
     0.02
     """
     _check(events, trials)
-    return 1.0 if events == trials else float(betaincinv(events + 1, trials - events, confidence))
+    return 1.0 if events == trials else float(betaincinv(events + 1, trials - events, CONFIDENCE))
 
 
 def share_at_least(events: int, trials: int) -> float:

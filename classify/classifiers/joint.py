@@ -171,7 +171,7 @@ def _curves(signatures: FloatMap, parameters: Parameters) -> FloatMap:
 
 def _invariants(signatures: FloatMap, parameters: Parameters) -> FloatMap:
     features, curves = _blur_features(signatures, parameters), _curves(signatures, parameters)
-    coordinates = blur_coordinates(features, curves, parameters[BLUR_BASIS], SERIES)
+    coordinates = blur_coordinates(features, curves, parameters[BLUR_BASIS])
     norms = shift_invariant_norms(_series_of(signatures))
     return np.concatenate([norms, features[:, SERIES:], coordinates, signatures[:, -1:]], axis=1)
 

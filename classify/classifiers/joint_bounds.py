@@ -33,20 +33,20 @@ On 30,000 references mixed as in ``tests.evidence.benchmark``, 90 % of the queri
 _ROUNDING = np.float32(2e-6)
 
 
-def blur_basis(curves: FloatMap, rings: int) -> Floats:
+def blur_basis(curves: FloatMap) -> Floats:
     """(16, d) orthonormal directions of the largest of (n, 3, d) changes; rings first, then 0."""
     changes = curves.reshape(-1, curves.shape[-1]).astype(np.float64)
     basis = np.zeros((RING_DIRECTIONS + LOCAL_DIRECTIONS, changes.shape[1]))
     for first, count, part in (
-        (0, RING_DIRECTIONS, np.s_[:rings]),
-        (RING_DIRECTIONS, LOCAL_DIRECTIONS, np.s_[rings:]),
+        (0, RING_DIRECTIONS, np.s_[:SERIES]),
+        (RING_DIRECTIONS, LOCAL_DIRECTIONS, np.s_[SERIES:]),
     ):
         directions = np.linalg.svd(changes[:, part], full_matrices=False)[2][:count]
         basis[first : first + len(directions), part] = directions
     return basis
 
 
-def blur_coordinates(features: FloatMap, curves: FloatMap, basis: Floats, rings: int) -> FloatMap:
+def blur_coordinates(features: FloatMap, curves: FloatMap, basis: Floats) -> FloatMap:
     """(n, 4 m + 6) features and changes along m directions, and lengths of the remainders."""
     # Three lengths are of whole changes, by knot. The others are for a sharper test, see
     # `path_products`: of the statistics at the first knot, of the rings at the first two.
@@ -56,8 +56,8 @@ def blur_coordinates(features: FloatMap, curves: FloatMap, basis: Floats, rings:
     remainders = np.square(curves - changes @ directions)
     squares = [
         remainders.sum(axis=2),
-        remainders[:, :1, rings:].sum(axis=2),
-        remainders[:, :2, :rings].sum(axis=2),
+        remainders[:, :1, SERIES:].sum(axis=2),
+        remainders[:, :2, :SERIES].sum(axis=2),
     ]
     lengths = np.sqrt(np.concatenate(squares, axis=1))
     return np.concatenate([coordinates, changes.reshape(len(features), -1), lengths], axis=1)

@@ -233,7 +233,7 @@ def learn(trainings: Sequence[JointTraining], _labels: Sequence[str]) -> Paramet
     curves = np.stack(
         [blur_curve(training.frame, training.blurred, learned) for training in trainings]
     )
-    learned[BLUR_BASIS] = blur_basis(curves, SERIES)
+    learned[BLUR_BASIS] = blur_basis(curves)
     return {**learned, "limit": np.array(unit_limit(pixels))}
 
 

@@ -50,7 +50,7 @@ def check_port(device: str) -> Iterator[Check]:
         advice = 'is the controller plugged in? With lights.port = "auto" it is searched for'
         yield Check("port", "fault", f"{device} does not exist", advice)
         return
-    yield check_access("permission", device)
+    yield check_access(device)
     holders = [holder for holder in port_holders(device) if holder.pid != os.getpid()]
     if holders:
         finding = f"{device} is open in {', '.join(map(str, holders))}"
@@ -59,8 +59,9 @@ def check_port(device: str) -> Iterator[Check]:
         yield Check("port in use", "ok", f"no visible program has {device} open")
 
 
-def check_access(name: str, device: str) -> Check:
+def check_access(device: str) -> Check:
     """Check that this user may read and write a device; name a missing group or rule."""
+    name = "permission"
     if os.access(device, os.R_OK | os.W_OK):
         return Check(name, "ok", f"{device} may be read and written")
     status = Path(device).stat()
@@ -189,7 +190,7 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
     if isinstance(config, DeviceCameraConfig):
         rig_camera = next((camera for camera in cameras if config.matches(camera)), None)
         if rig_camera is not None and rig_camera.node is not None:
-            yield check_access("permission", str(rig_camera.node))
+            yield check_access(str(rig_camera.node))
         elif rig_camera is None:
             finding = f"{config.device} is not among the {len(cameras)} cameras found"
             advice = "is it plugged in? Set camera.device to one of the names above"

@@ -243,7 +243,7 @@ def test_a_missing_permission_is_named_with_group_and_rule(
     monkeypatch.setattr("rig.doctor.devices.os.access", lambda *_: False)
     for groups, is_own in (([], False), ([port.stat().st_gid], True)):
         monkeypatch.setattr("rig.doctor.devices.os.getgroups", lambda found=groups: found)
-        check = check_access("permission", str(port))
+        check = check_access(str(port))
         assert check.status == "fault"
         assert "belongs to group" in check.seen
         assert ("usermod -aG" in check.advice) == (not is_own)
