@@ -24,7 +24,7 @@ _FIRST_COLUMNS = (
     "override", "set_removed_utc", "station_verdict",
 )  # fmt: skip
 _RENAMED_COLUMN = "decision"  # becomes ``verdict`` and ``station_verdict``
-_COLUMNS = (
+COLUMNS = (
     *_FIRST_COLUMNS,
     *(name for name in RESULT_COLUMNS if name not in (*_FIRST_COLUMNS, _RENAMED_COLUMN)),
 )
@@ -275,7 +275,7 @@ def record_of(entry: HistoryEntry) -> dict[str, Any]:
         "override": None if entry.override is None else asdict(entry.override),
         "set_removed_utc": entry.set_removed_utc,
     }
-    return {name: record[name] for name in _COLUMNS}
+    return {name: record[name] for name in COLUMNS}
 
 
 def write_csv(entries: Iterable[HistoryEntry], file: TextIO) -> None:
@@ -285,7 +285,7 @@ def write_csv(entries: Iterable[HistoryEntry], file: TextIO) -> None:
 
 def csv_pieces(entries: Iterable[HistoryEntry]) -> Iterator[str]:
     """Yield the lines of `write_csv`, so that they are never all in memory."""
-    yield csv_line(_COLUMNS)
+    yield csv_line(COLUMNS)
     for entry in entries:
         yield csv_line(map(_cell, record_of(entry).values()))
 
