@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 import numpy as np
 from pydantic import AfterValidator, Field, StrictBool, StrictInt
@@ -10,8 +10,10 @@ from pydantic import AfterValidator, Field, StrictBool, StrictInt
 from classify import Lighting, SensorNoise
 from classify.base.models import Record
 from classify.images import ROUNDING_VARIANCE
-from classify.lights.agreement import LightAgreement
 from rig import ControllerIdentity, Placement
+
+if TYPE_CHECKING:
+    from classify.lights.agreement import LightAgreement
 
 _Vector = tuple[float, float, float]
 # Wider than the range of any camera; squares and quotients stay finite in float32.
@@ -126,7 +128,7 @@ class ChecksRecord(Record):
     @classmethod
     def of(
         cls,
-        agreement: LightAgreement | None,
+        agreement: "LightAgreement | None",
         light_order: _LightOrder,
         ambient_change: float | None = None,
         undecided: tuple[str, ...] = (),
