@@ -132,6 +132,9 @@ def _are_met(folder: Path, others: LightImages, step: int) -> bool:
         tried["two of all"] += 1
         lighting = part(images, everything, order).lighting
         counts["two of all"] += shading_order(shading, lighting).verdict == "refuted"
+    for count in (4, 5, 6, 8) * 5:
+        picked = sorted(rng.choice(everything, min(count, len(everything)), replace=False).tolist())
+        wrongly += ImportCause.LIGHT_ORDER in refused(part(images, picked, picked))
     print(f"\n{folder.name}: {tried['one twice']} picks; refused with")
     for name, of in tried.items():
         print(f"  {name:16}{counts[name] / of:8.1%} of {of}")

@@ -119,6 +119,17 @@ def test_many_photographs_refute_exchanged_shifted_and_mirrored_lights(
         assert shading_order(shading, Lighting(other)).verdict == "refuted"
 
 
+@pytest.mark.parametrize("count", [4, 6])
+def test_an_order_that_no_surface_fits_refutes_none(count: int) -> None:
+    """Images that vary with two parameters, as by slopes, but of no surface: gloss may do so."""
+    rng = np.random.default_rng(3)
+    p, q = (cv2.GaussianBlur(rng.normal(0.0, 1.5, (192, 192)), (0, 0), 3.0) for _ in range(2))
+    ring = Lighting.ring(45.0, [360.0 / count * k for k in range(count)])
+    images = images_of(estimate(p, q, np.ones((192, 192))), ring)
+    order = [1, 0, *range(2, count)]
+    assert verdict(images, ring.directions[order]) == "undecided"
+
+
 @pytest.mark.parametrize("picked", [[6, 0, 3], [6, 0, 3, 5], [*range(8)]])
 @pytest.mark.parametrize(
     ("axes", "signs", "name"),
