@@ -37,6 +37,7 @@ from classify.classifiers.joint import ring_means
 from classify.defects.fields import part_fields
 from classify.pieces.features import CELL_PX, band_moments
 from classify.pieces.piece_model import PieceMeasures
+from classify.surface.tilt_error import tilt_error_deg
 from rig.config.lights import led_names
 
 from .fingerprint import Fingerprint
@@ -203,6 +204,7 @@ class Inspector:
         if not any(validity_findings(self.recipe, measures)):
             with _timed(timings_ms, "match"):
                 fields = in_background(partial(part_fields, measured.surface))
+                tilt_error = in_background(partial(tilt_error_deg, measured.surface))
                 moments = in_background(partial(band_moments, measured.surface))
                 signature = self._library.observe(measured.surface)
                 # Not `classify`, which warns if surface and library have different corrections: the
@@ -219,6 +221,9 @@ class Inspector:
         if match is not None and texture in self._models:
             models = self._models[texture]
             with _timed(timings_ms, "defects"):
+                if match.label is not None:
+                    rotated = self._taught.textures[texture].tilt_faults(tilt_error())
+                    faults += [Finding(Cause.CALIBRATION, fault) for fault in rotated]
                 rings, orientation_deg = ring_means(signature), match.orientation_deg
                 wait_for_pieces = in_background(
                     partial(models.pieces.measure, moments(), orientation_deg, rings)
@@ -243,7 +248,7 @@ class Inspector:
             texture, np.mean([*self._taught_signals.values()], axis=0)
         )
         ratios = tuple((np.array(measured.light_signals) / taught).tolist())
-        verdict = verdict_of(self.recipe, measures)
+        verdict = verdict_of(self.recipe, measures, faults)
         return Inspection(verdict, measures, defect_map, defects, ratios, timings_ms)
 
     def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:

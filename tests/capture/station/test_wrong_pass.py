@@ -23,10 +23,11 @@ from capture.station.run.station_rig import StationRig
 from classify import Match
 from classify.base.errors import InputError
 from classify.library.texture_library import TextureLibrary
-from rig import CameraError, Placement, Rig, Switch, open_rig
+from classify.lighting import RING_TILTS_DEG
+from rig import CameraError, Placement, Rig, RigConfig, Switch, open_rig
 from rig.fresh_frame import switch_to
 from tests.capture.station.production import SMALL_RIG, run_parts
-from tests.capture.station.teaching_sets import patch
+from tests.capture.station.teaching_sets import SIDE_PX, patch
 
 
 def results_of(folder: Path, parts: int, meanwhile: Any = lambda _: None) -> list[Any]:
@@ -169,6 +170,25 @@ def test_a_gamma_that_changed_and_is_not_reported_does_not_pass(
     inspector = Inspector.load(files)
     seen = replace(part, images=coded(part.images), ambient=coded(part.ambient))
     assert inspector.inspect(seen).verdict.decision is not Decision.PASS
+
+
+@pytest.mark.parametrize(("rotated_deg", "passes"), [(0.0, True), (6.0, False), (-10.0, False)])
+def test_a_camera_that_was_rotated_since_teaching_passes_nothing(
+    files: RecipeFolder, rotated_deg: float, passes: bool
+) -> None:
+    part = patch("rock", 20)
+    tilts_deg = tuple(tilt - rotated_deg for tilt in RING_TILTS_DEG)
+    camera = {"width_px": SIDE_PX, "height_px": SIDE_PX}
+    rotated = RigConfig().with_changes(lights={"tilts_deg": tilts_deg}, camera=camera)
+    with open_rig(rotated) as rig:
+        rig.simulation.place(part.metadata.placement)
+        seen = capture_set(rig)
+    seen = replace(
+        seen, metadata=seen.metadata.model_copy(update={"lighting": part.metadata.lighting})
+    )
+    verdict = Inspector.load(files).inspect(seen).verdict
+    assert (verdict.decision is Decision.PASS) == passes
+    assert (Cause.CALIBRATION in verdict.causes) != passes
 
 
 @pytest.mark.parametrize(("moved_px", "lights"), [(3.0, {3}), (3.0, {1, 2}), (40.0, {2})])

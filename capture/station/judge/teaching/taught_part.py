@@ -17,6 +17,7 @@ from classify.methods import DEFAULT_CLASSIFIER
 from classify.pieces.features import band_moments
 from classify.pieces.learning import SCALE_STEP, scaled_surface
 from classify.surface.estimate import FloatMap
+from classify.surface.tilt_error import tilt_error_deg
 from classify.texture.spectra import segment_for
 
 from .taught_sets import KeptSet
@@ -47,6 +48,7 @@ class TaughtPart:
     unmeasured_fraction: float
     albedo: float
     light_signals: tuple[float, ...]  # see `MeasuredSurface.light_signals`
+    tilt_error_deg: float
     mm_per_px: float | None
 
 
@@ -90,6 +92,7 @@ def taught_part(kept_set: KeptSet, region: Region | None) -> TaughtPart:
         unmeasured_fraction=measured.unmeasured_fraction,
         albedo=measured.albedo,
         light_signals=measured.light_signals,
+        tilt_error_deg=tilt_error_deg(surface),
         mm_per_px=loaded.mm_per_px,
     )
 

@@ -289,9 +289,11 @@ def _taught_texture(
     ]
     signals = [part.light_signals for part, _ in of_texture]
     means = tuple(sum(levels) / len(of_texture) for levels in zip(*signals, strict=True))
+    errors_deg = [part.tilt_error_deg for part, _ in of_texture]
     taught = TaughtTexture(
         sets=tuple(_taught_set(part.kept_set, match) for part, match in of_texture),
         light_signals=means,
+        tilt_errors_deg=(min(errors_deg), max(errors_deg)),
     )
     if texture not in models:
         return taught
