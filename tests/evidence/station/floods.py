@@ -22,6 +22,7 @@ import threading
 import time
 import urllib.request
 from contextlib import suppress
+from http.client import HTTPException
 from pathlib import Path
 
 import numpy as np
@@ -48,7 +49,11 @@ FLOODS: dict[str, tuple[int, tuple[str, ...]]] = {
 
 def ask(url: str, data: bytes | None) -> None:
     """Read an answer to its end."""
-    with suppress(OSError), urllib.request.urlopen(url, data, timeout=60.0) as answer:
+    # An answer that the panel cuts off raises an HTTPException.
+    with (
+        suppress(OSError, HTTPException),
+        urllib.request.urlopen(url, data, timeout=60.0) as answer,
+    ):
         while answer.read(1 << 16):
             pass
 
