@@ -21,9 +21,10 @@ from .errors import RecipeError
 from .recipe import Recipe, Region, Sha256
 from .recipe_file import RecipeFolder, TaughtFiles
 
-# Margin on the least and largest tilt error of the taught parts. The standard deviation is 0.01
-# degrees on rock, 1.3 on brushed metal (tests/capture/station/judge/test_tilt_error.py).
-_TILT_MARGIN_DEG = 3.0
+# Margin on the least and largest tilt error of the taught parts. It depends on their orientation,
+# by up to 1.9 degrees to either side on brushed metal, the most of 20 surfaces, and parts of one
+# orientation may be taught (tests/capture/station/judge/test_tilt_error.py).
+_TILT_MARGIN_DEG = 4.0
 # 10,000 parts with their hashes take 2 MB.
 _MAX_BYTES = 1 << 24
 
