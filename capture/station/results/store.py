@@ -33,13 +33,7 @@ from .history import (
     entries,
     part_groups,
 )
-from .part_result import (
-    PartResult,
-    generated_part_id,
-    require_given_part_id,
-    result_of,
-    storable,
-)
+from .part_result import PartResult, generated_part_id, require_given_part_id, result_of, storable
 from .schema import (
     HOW_TO_MAKE,
     begun_parts,
