@@ -54,6 +54,7 @@ class Photographs:
     frame: tuple[int, int]  # rows and columns before the crop
     orientation: int  # EXIF orientation of the files; `planes` are upright
     capture_date: str | None
+    exposures_ms: tuple[float, ...]  # those that the files state
     warnings: tuple[str, ...]  # about the gamma
 
 
@@ -82,7 +83,8 @@ def read_photographs(
     capture_date = next(filter(None, (file.capture_date for file in metadata)), None)
     return Photographs(
         planes, bit_depth, full_scale, largest, gamma, source, (rows, columns),
-        metadata[0].orientation, capture_date, warnings,
+        metadata[0].orientation, capture_date,
+        tuple(file.exposure_ms for file in metadata if file.exposure_ms is not None), warnings,
     )  # fmt: skip
 
 
@@ -338,6 +340,7 @@ def import_images(
             *warnings,
             *photographs.warnings,
             *_depth_warnings(photographs),
+            *_exposure_warnings(photographs.exposures_ms),
             *_slant_warnings(lighting),
             *_outline_warnings(mask, part_mask),
             *(finding.text for finding in findings),
@@ -354,6 +357,13 @@ def _depth_warnings(photographs: Photographs) -> list[str]:
         return []
     text = f"the data are taken for {photographs.bit_depth} bits, because the largest value is"
     return [f"{text} {photographs.depth_guessed_from}; --bits N sets another depth"]
+
+
+def _exposure_warnings(exposures_ms: Sequence[float]) -> list[str]:
+    if not exposures_ms or max(exposures_ms) <= 1.05 * min(exposures_ms):
+        return []  # 1/60 s and 0.017 s are one exposure
+    text = f"the files state exposures of {min(exposures_ms):.4g} to {max(exposures_ms):.4g} ms"
+    return [f"{text}; expose all alike, or give intensities by --lights that contain them"]
 
 
 def _slant_warnings(lighting: Lighting) -> list[str]:

@@ -261,6 +261,18 @@ def test_the_date_of_the_photographs_is_that_of_the_set(
     assert found == acquired
 
 
+@pytest.mark.parametrize(("denominator", "is_named"), [(100, False), (102, False), (50, True)])
+def test_exposures_that_differ_are_named(
+    four: Photographs, denominator: int, is_named: bool
+) -> None:
+    paths = four(pattern(np.uint8))
+    for path, value in zip(paths, (100, 100, 100, denominator), strict=True):
+        data = private_exif(ExposureTime=(1, value))
+        path.write_bytes(with_chunks(path.read_bytes(), chunk(b"eXIf", data)))
+    warnings = stored(paths).metadata.warnings
+    assert any("state exposures of 10 to 20 ms" in text for text in warnings) == is_named
+
+
 def test_a_file_name_that_is_not_utf_8_is_escaped(four: Photographs, tmp_path: Path) -> None:
     paths = four(pattern(np.uint8))
     paths[3] = paths[3].rename(tmp_path / "odd\udcff.png")
