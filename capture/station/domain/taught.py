@@ -29,8 +29,8 @@ _TILT_MARGIN_DEG = 4.0
 _MAX_BYTES = 1 << 24
 
 
-class LeastFound(Record):
-    """The weakest defect of a kind and size that is found in 9 of 10 places."""
+class DetectionLimit(Record):
+    """Detection limit: the weakest defect of a kind and size that is found in 9 of 10 places."""
 
     kind: Literal["scratch", "dent", "stain"]
     size_px: PositiveFloat  # width of a scratch, diameter of the others
@@ -93,7 +93,7 @@ class TaughtTexture(Record):
     pieces_file: Name | None = None
     pieces_sha256: Sha256 | None = None
     # By the defect map at the taught limits; empty for a texture that does not pass.
-    least_found: tuple[LeastFound, ...] = ()
+    least_found: tuple[DetectionLimit, ...] = ()
 
     def tilt_faults(self, error_deg: float) -> Iterator[str]:
         """Yield that a part's lights have another error of their tilts than the taught parts'."""
@@ -119,8 +119,8 @@ class Taught(Record):
     textures: Mapping[Label, TaughtTexture] = Field(min_length=1)
 
     @property
-    def least_found(self) -> dict[str, tuple[LeastFound, ...]]:
-        """How strong defects must be to be found, for each texture that passes."""
+    def least_found(self) -> dict[str, tuple[DetectionLimit, ...]]:
+        """Detection limits of defects, for each texture that passes."""
         return {
             name: texture.least_found
             for name, texture in self.textures.items()

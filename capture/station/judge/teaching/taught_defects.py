@@ -7,7 +7,7 @@ import numpy as np
 
 from capture.base.console import ShowProgress
 from capture.station.domain.recipe import Recipe, Region
-from capture.station.domain.taught import LeastFound
+from capture.station.domain.taught import DetectionLimit
 from classify import DefectModel, SurfaceEstimate, TextureLibrary, learn_defects
 from classify.classifiers import classifier_named
 from classify.defects.detectability import detectability
@@ -21,7 +21,7 @@ class TaughtDefects:
     """The defect model of one texture, with its detectability and a mark on all good parts."""
 
     model: DefectModel
-    least_found: tuple[LeastFound, ...]
+    least_found: tuple[DetectionLimit, ...]
     mark: Region | None  # in the whole image
 
 
@@ -53,14 +53,14 @@ def teach_defects(
     surfaces_to_try = ((surface_of(good[n]), orientations_deg[n]) for n in order)
     limit = recipe.limits_for(texture).defect or 1.0
     least_found = (
-        LeastFound(
-            kind=detectable.defect.kind,
-            size_px=detectable.defect.size_px,
-            strength=detectable.strength,
-            strongest=detectable.defect.strongest,
+        DetectionLimit(
+            kind=result.defect.kind,
+            size_px=result.defect.size_px,
+            strength=result.strength,
+            strongest=result.defect.strongest,
             mm_per_px=good[0].mm_per_px,
         )
-        for detectable in show(
+        for result in show(
             detectability(model, surfaces_to_try, limit), 1, f"what is found on {texture}"
         )
     )

@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
-from capture.station.domain.taught import LeastFound
+from capture.station.domain.taught import DetectionLimit
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_page import teaching_page
 from capture.station.judge.teaching.teaching_result import Teaching
@@ -42,7 +42,7 @@ STAIN = {"kind": "stain", "size_px": 8.0, "strength": 0.314, "strongest": 0.8}
 def test_it_is_said_how_strong_a_defect_must_be(
     values: dict[str, Any], words: list[str], fields: dict[str, Any]
 ) -> None:
-    found = LeastFound(**values)
+    found = DetectionLimit(**values)
     assert all(each in str(found) for each in words)
     common = {"kind": values["kind"], "size_px": values["size_px"], "text": str(found)}
     assert found.fields() == pytest.approx(common | fields)
