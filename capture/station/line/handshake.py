@@ -262,10 +262,7 @@ class Handshake:
             Status.RECIPE_LOADED: self.selection.is_loaded,
             Status.RECIPE_REFUSED: self.selection.error is not None,
         }
-        status = Status(0)
-        for bit, is_set in bits.items():
-            status |= bit if is_set else Status(0)
-        return status
+        return Status(sum(bit for bit, is_set in bits.items() if is_set))
 
     @property
     def is_busy(self) -> bool:

@@ -86,10 +86,10 @@ class PlcLine:
             request = self._handshake.write(address, words)
             if self._handshake.commands["heartbeat"] != before:
                 self._heard_s = self._now_s()
-            if request is not None and request.refusal is None:
-                self._request = request
-            elif request is not None and request.refusal is not None:
+            if request is not None and request.refusal is not None:
                 self._live.refuse(Trigger(SOURCE, request.part_id), request.refusal)
+            elif request is not None:
+                self._request = request
             self._start_loading(self._handshake.selection.loading)
             self._changed.notify_all()
 
