@@ -32,7 +32,7 @@ INTERRUPTED_LINE = "ps4rig: interrupted"
 # answers (rig.toml's defaults).
 _CLEANUP_S = 5.0
 # Prefix of llvmlite's callbacks for compiled code. ctypes swallows every exception in them, so the
-# signal is raised again after `_AFTER_CALLBACK_S`.
+# signal is sent again after `_AFTER_CALLBACK_S`.
 _CALLBACK_PREFIX = "_raw_object_cache_"
 _AFTER_CALLBACK_S = 0.01
 
@@ -73,12 +73,21 @@ def _handle(number: int, frame: FrameType | None) -> None:
             os.write(2, f"{INTERRUPTED_LINE}\n".encode())
         os._exit(INTERRUPTED_STATUS)
     if any(code.co_name.startswith(_CALLBACK_PREFIX) for code in running):
-        threading.Timer(_AFTER_CALLBACK_S, signal.raise_signal, (number,)).start()
+        threading.Timer(_AFTER_CALLBACK_S, _signal_main_thread, (number,)).start()
         return
     _cleanup_ends_s = now_s + _CLEANUP_S
     # The destructor of an object that is half made now may fail: Python would print its traceback.
     sys.unraisablehook = lambda _: None
     raise KeyboardInterrupt
+
+
+def _signal_main_thread(number: int) -> None:
+    """Send a signal that also ends a wait of the main thread, where the system can."""
+    main = threading.main_thread().ident
+    if main is not None and hasattr(signal, "pthread_kill"):
+        signal.pthread_kill(main, number)
+    else:
+        signal.raise_signal(number)
 
 
 def _running_code(frame: FrameType | None) -> Iterator[CodeType]:

@@ -173,6 +173,7 @@ def run_python() -> Callable[..., str]:
             capture_output=True,
             text=True,
             env=os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | changed,
+            timeout=300.0,
         )
         assert (done.returncode, done.stderr) == (0, "")
         return done.stdout

@@ -28,7 +28,7 @@ frame_rate_hz = 0.2
 clock = "real"
 """
 PROGRAM = """
-import signal, sys, time
+import signal, sys, threading
 import llvmlite.binding as llvm
 from capture.base.interrupts import install_handlers, interruptible
 
@@ -137,9 +137,10 @@ def test_an_interrupt_that_an_import_would_swallow_ends_the_process(
         finally: signal.raise_signal(signal.SIGTERM); print('cleaned up')""",
             "cleaned up\ninterrupted\n",
         ),
-        # The compiler reports its code to a callback, in which every exception is swallowed.
+        # The compiler reports its code to a callback, in which every exception is swallowed. The
+        # interrupt that comes later ends a wait.
         (
-            """compile(lambda *_: signal.raise_signal(signal.SIGINT)); time.sleep(60.0)""",
+            """compile(lambda *_: signal.raise_signal(signal.SIGINT)); threading.Event().wait()""",
             "interrupted\n",
         ),
         # The destructor of an object that is half made fails.

@@ -63,7 +63,7 @@ def test_a_file_that_is_not_toml_is_refused(tmp_path: Path) -> None:
     (tmp_path / "binary.toml").write_bytes(b"\xff\xfe\x00")
     (tmp_path / "large.toml").write_bytes(b"#" * (1 << 21))
     (tmp_path / "deep.toml").write_text("a = " + "[" * 9000, encoding="utf-8")
-    name = ".".join("a" * 100_000)
+    name = ".".join("a" * 10_000)
     (tmp_path / "deep-name.toml").write_text(f"[{name}]", encoding="utf-8")
     (tmp_path / "long.toml").write_text("a = " + "9" * 9000, encoding="utf-8")
     for name, message in (
