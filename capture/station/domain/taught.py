@@ -87,7 +87,7 @@ class TaughtTexture(Record):
     # Mean of each light over all parts, as a share of full scale.
     light_signals: tuple[Annotated[float, Field(gt=0.0, le=1.0)], ...]
     # Least and largest error of the tilts of the lights, see `tilt_error_deg`.
-    tilt_errors_deg: tuple[float, float] = (-180.0, 180.0)
+    tilt_errors_deg: tuple[float, float]
     defects_file: Name | None = None  # None, like the next three, for a texture that does not pass
     defects_sha256: Sha256 | None = None
     pieces_file: Name | None = None

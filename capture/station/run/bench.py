@@ -278,6 +278,7 @@ def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) ->
     texture = TaughtTexture(
         sets=(TaughtSet(file="bench.ome.tif", pixels_sha256=_NO_HASH),),
         light_signals=surfaces[0].light_signals,
+        tilt_errors_deg=(0.0, 0.0),
     )
     taught = Taught(
         setting=good[0].setting,
