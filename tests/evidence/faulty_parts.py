@@ -9,9 +9,11 @@ from pathlib import Path
 from typing import Literal
 from unittest import mock
 
+import cv2
 import numpy as np
 
 from capture import CapturedSet, capture_set
+from classify.base.arrays import FloatMap
 from rig import Placement, RigConfig, open_rig
 from rig.config.simulation import Defect, DefectKind
 from rig.scene.material_folder import load_material
@@ -23,7 +25,10 @@ _EDGE_PX = 2.0
 # The middle of a fault stays within this distance of the middle of the frame.
 _MIDDLE_PX = 130.0
 
-Change = Literal["strip", "seam", "mirrored", "scaled", "darker", "relief"]
+# Standard deviation of the Gaussian mean of relief that is polished, and of washed out albedo.
+_SMOOTHING_PX = 3.0
+
+Change = Literal["strip", "polished", "washed", "seam", "mirrored", "scaled", "darker", "relief"]
 
 
 @dataclass(frozen=True)
@@ -55,10 +60,12 @@ FAULTS = (
     Fault("reflectance 50 %", "darker", 0.5),
     Fault("relief 20 % flatter", "relief", 0.8, 0.05),
     Fault("relief 20 % deeper", "relief", 1.2, 0.05),
+    Fault("polished, 60 px", "polished", 60.0, None),
+    Fault("washed out, 60 px", "washed", 60.0, None),
 )
 
 
-LOCAL = ("missing", "stain", "dent", "strip", "seam")
+LOCAL = ("missing", "stain", "dent", "strip", "polished", "washed", "seam")
 """Kinds of faults in one place of a part."""
 
 
@@ -94,6 +101,11 @@ class _ChangedSurface:
                 replace(view, rotate_deg=view.rotate_deg + self.fault.strength)
             )
             share = np.clip(0.5 + across / np.float32(_EDGE_PX), 0.0, 1.0)
+        elif self.fault.kind in ("polished", "washed"):
+            names = ("albedo",) if self.fault.kind == "washed" else ("height", "p", "q")
+            other = replace(patch, **{name: _smoothed(getattr(patch, name)) for name in names})
+            distance = np.hypot(across, (np.cos(angle) * y - np.sin(angle) * x).astype(np.float32))
+            share = np.clip((0.5 * strength - distance) / np.float32(_EDGE_PX) + 0.5, 0.0, 1.0)
         else:
             flat = np.zeros_like(patch.p)
             other = SurfacePatch(flat + patch.height.mean(), flat, flat, patch.albedo)
@@ -110,6 +122,10 @@ class _ChangedSurface:
             )
         }
         return SurfacePatch(**{name: each.astype(np.float32) for name, each in mixed.items()})
+
+
+def _smoothed(plane: FloatMap) -> FloatMap:
+    return np.asarray(cv2.GaussianBlur(plane, (0, 0), _SMOOTHING_PX), np.float32)
 
 
 def _mirrored(surface: PeriodicSurface) -> PeriodicSurface:

@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -135,6 +136,19 @@ def test_a_stain_is_a_spot_that_its_surroundings_do_not_let_expect(
     height, _, _ = raised_cosine()
     stain = (1.0 + contrast * height).astype(np.float32)
     assert worst_place(taught.measure(replace(good, albedo=stain * good.albedo)))
+
+
+@pytest.mark.parametrize("names", [("p", "q"), ("albedo",)])
+def test_a_polished_or_washed_out_patch_is_a_spot(
+    taught: Taught, good: SurfaceEstimate, names: tuple[str, ...]
+) -> None:
+    patch = raised_cosine()[0] < -0.3
+    planes = {name: getattr(good, name) for name in names}
+    smoothed = {
+        name: np.where(patch, 0.5 * (plane + cv2.GaussianBlur(plane, (0, 0), 3.0)), plane)
+        for name, plane in planes.items()
+    }
+    assert worst_place(taught.measure(replace(good, **smoothed)))
 
 
 def worst_place(found: PieceMeasures) -> bool:

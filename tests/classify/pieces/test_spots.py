@@ -5,7 +5,7 @@ import numpy as np
 
 from classify.defects.shapes import blot
 from classify.pieces.features import CELL_PX, MOMENTS, band_moments
-from classify.pieces.spots import SPOT_VALUES, SpotModel, spot_values
+from classify.pieces.spots import DEPARTURES, SPOT_VALUES, SpotModel, spot_values
 from tests.classify.conftest import estimate
 
 SIDE = 256
@@ -56,5 +56,5 @@ def test_the_filter_of_stains_is_as_good_as_any_linear_one_of_its_values() -> No
     covariance = np.cov(values)
     covariance += 0.01 * np.diag(np.diag(covariance))
     bound = np.sqrt(change @ np.linalg.solve(covariance, change))
-    stains = SpotModel.of(values).weights[:, 1]
+    stains = SpotModel.of(values).weights[:, DEPARTURES.index("stain")]
     assert abs(stains @ change) / (stains @ values).std() > 0.9 * bound
