@@ -1,4 +1,4 @@
-"""Statements of an image file beside its pixels: orientation, response, exposure time and date.
+"""Statements of an image file beside its pixels: orientation, response, exposure and date.
 
 Pillow reads EXIF data, XMP and colour profiles. Files that contradict themselves are refused.
 """
@@ -42,6 +42,8 @@ class ImageMetadata:
     orientation: int = 1
     response: str | None = None
     exposure_ms: float | None = None
+    iso: float | None = None
+    f_number: float | None = None
     capture_date: str | None = None
 
 
@@ -119,11 +121,12 @@ def _metadata(
             responses.append("srgb" if space == _SRGB else f"colour space {space}")
     if "Gamma" in tags:
         responses.append(power_response(_number(tags["Gamma"])))
-    exposure_ms = 1e3 * _number(tags.get("ExposureTime"))
     return ImageMetadata(
         orientation=next(iter(orientations), 1),
         response=next(iter(responses), None),
-        exposure_ms=exposure_ms if 0.0 < exposure_ms < math.inf else None,
+        exposure_ms=_positive(1e3 * _number(tags.get("ExposureTime"))),
+        iso=_positive(_number(tags.get("ISOSpeedRatings"))),
+        f_number=_positive(_number(tags.get("FNumber"))),
         capture_date=_date(
             str(tags.get("DateTimeOriginal")), str(tags.get("OffsetTimeOriginal", ""))
         ),
@@ -145,6 +148,10 @@ def _number(value: Any) -> float:
     with suppress(TypeError, ValueError, ZeroDivisionError):
         return float(value[0] / value[1] if isinstance(value, tuple) else value)
     return math.nan
+
+
+def _positive(value: float) -> float | None:
+    return value if 0.0 < value < math.inf else None
 
 
 def power_response(gamma: float) -> str:

@@ -55,7 +55,7 @@ class Photographs:
     orientation: int  # EXIF orientation of the files; `planes` are upright
     capture_date: str | None
     exposures_ms: tuple[float, ...]  # those that the files state
-    warnings: tuple[str, ...]  # about the gamma
+    warnings: tuple[str, ...]  # about gamma, ISO values and F-numbers
 
 
 def read_photographs(
@@ -84,8 +84,20 @@ def read_photographs(
     return Photographs(
         planes, bit_depth, full_scale, largest, gamma, source, (rows, columns),
         metadata[0].orientation, capture_date,
-        tuple(file.exposure_ms for file in metadata if file.exposure_ms is not None), warnings,
+        tuple(file.exposure_ms for file in metadata if file.exposure_ms is not None),
+        (*warnings, *_unequal_settings(metadata)),
     )  # fmt: skip
+
+
+def _unequal_settings(metadata: Sequence[ImageMetadata]) -> list[str]:
+    """Warn of settings of the camera that differ between photographs."""
+    isos = [file.iso for file in metadata if file.iso is not None]
+    f_numbers = [file.f_number for file in metadata if file.f_number is not None]
+    return [
+        f"the files state {name} of {min(values):.4g} to {max(values):.4g}; use one for all"
+        for name, values in (("ISO values", isos), ("F-numbers", f_numbers))
+        if values and not _are_equal(values)
+    ]
 
 
 def _gamma_to_undo(
@@ -360,10 +372,14 @@ def _depth_warnings(photographs: Photographs) -> list[str]:
 
 
 def _exposure_warnings(exposures_ms: Sequence[float]) -> list[str]:
-    if not exposures_ms or max(exposures_ms) <= 1.05 * min(exposures_ms):
-        return []  # 1/60 s and 0.017 s are one exposure
+    if not exposures_ms or _are_equal(exposures_ms):
+        return []
     text = f"the files state exposures of {min(exposures_ms):.4g} to {max(exposures_ms):.4g} ms"
     return [f"{text}; expose all alike, or give intensities by --lights that contain them"]
+
+
+def _are_equal(values: Sequence[float]) -> bool:
+    return max(values) <= 1.05 * min(values)  # 1/60 s and 0.017 s are one exposure
 
 
 def _slant_warnings(lighting: Lighting) -> list[str]:

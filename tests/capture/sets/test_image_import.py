@@ -273,6 +273,25 @@ def test_exposures_that_differ_are_named(
     assert any("state exposures of 10 to 20 ms" in text for text in warnings) == is_named
 
 
+@pytest.mark.parametrize(
+    ("setting", "equal", "unequal", "text"),
+    [
+        ("ISOSpeedRatings", 100, 200, "ISO values of 100 to 200"),
+        ("FNumber", (56, 10), (8, 1), "F-numbers of 5.6 to 8"),
+    ],
+)
+def test_iso_values_and_f_numbers_that_differ_are_named(
+    four: Photographs, setting: str, equal: Any, unequal: Any, text: str
+) -> None:
+    for last, is_named in ((equal, False), (unequal, True)):
+        paths = four(pattern(np.uint8))
+        for path, value in zip(paths, (equal, equal, equal, last), strict=True):
+            data = private_exif(ExposureTime=(1, 100), **{setting: value})
+            path.write_bytes(with_chunks(path.read_bytes(), chunk(b"eXIf", data)))
+        warnings = stored(paths).metadata.warnings
+        assert any(text in warning for warning in warnings) == is_named
+
+
 def test_a_file_name_that_is_not_utf_8_is_escaped(four: Photographs, tmp_path: Path) -> None:
     paths = four(pattern(np.uint8))
     paths[3] = paths[3].rename(tmp_path / "odd\udcff.png")
