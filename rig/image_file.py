@@ -320,6 +320,7 @@ _RATIONALS = (5, 10)  # field types of TIFF 6.0, unsigned and signed
 # Tags of the Digital Negative Specification 1.7.
 _CFA_LAYOUT, _RECTANGULAR = 50711, 1
 _BLACK_REPEAT, _BLACK, _BLACK_DELTA_H, _BLACK_DELTA_V, _WHITE = range(50713, 50718)
+_ACTIVE_AREA = 50829
 # Lists of corrections before demosaicing, and those that change the response of pixels or rows.
 _OPCODE_LISTS, _RESPONSE_OPCODES = (51008, 51009), (7, 8, 10, 11, 12, 13)
 
@@ -352,7 +353,8 @@ def _linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
         shape, values = raw.raw_image.shape[:2], np.atleast_3d(raw.raw_image_visible)
         if shape != page.shape[:2] or (kind == _CFA and raw.num_colors != 3):
             raise refusal
-        levels = _from_black_to_white(values[:, :, :samples], page)
+        origin = (raw.sizes.top_margin, raw.sizes.left_margin)
+        levels = _from_black_to_white(values[:, :, :samples], origin, page)
         if kind == _LINEAR_RAW:
             return levels if samples == 3 else levels[:, :, 0]
         # LibRaw fills in the missing colours of these levels, and does nothing else.
@@ -366,12 +368,16 @@ def _linear_raw(content: bytes, page: Any) -> npt.NDArray[np.uint16]:
     return np.asarray(rgb, np.uint16)
 
 
-def _from_black_to_white(values: Array, page: Any) -> npt.NDArray[np.uint16]:
-    """Raw values, with the page's black level at 0 and its white level at 65535."""
-    rows, columns = values.shape[:2]
+def _from_black_to_white(
+    values: Array, origin: tuple[int, int], page: Any
+) -> npt.NDArray[np.uint16]:
+    """Raw values from `origin`, with the page's black level at 0 and its white level at 65535."""
+    # Black levels repeat from the active area, of which LibRaw leaves out an odd row and column.
+    top, left = np.subtract(origin, _numbers(page, _ACTIVE_AREA, 0, 0)[:2].astype(int))
+    rows, columns = (np.arange(size) for size in values.shape[:2])
     tile_rows, tile_columns = _numbers(page, _BLACK_REPEAT, 1, 1).astype(int)
     tile = _numbers(page, _BLACK, 0).reshape(tile_rows, tile_columns, -1)
-    black = tile[np.ix_(np.arange(rows) % tile_rows, np.arange(columns) % tile_columns)]
+    black = tile[np.ix_((top + rows) % tile_rows, (left + columns) % tile_columns)]
     white = _numbers(page, _WHITE, (1 << page.bitspersample) - 1)
     for levels in (black, white):
         if levels.shape[-1] not in (1, values.shape[2]):

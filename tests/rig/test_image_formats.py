@@ -456,6 +456,18 @@ def raws() -> Iterator[Row]:
         level = np.rint(65535 * share).astype(np.uint16)
         yield f"mono {black}.dng", dng(raw, 1, LINEAR_RAW, black), level
         yield f"filter {black}.dng", dng(raw, 1, black=black), interpolated(level)
+    black = (95, 1095, 295, 495)
+    quarter = np.tile(np.resize(black, (2, 2)), (16, 24)) * 3 // 4 + 1024
+    for top, left in ((4, 6), (5, 6), (4, 7), (5, 7)):
+        edged = np.zeros((40, 60), np.uint16)
+        edged[top : top + 32, left : left + 48] = quarter
+        area = ((50829, 4, 4, (top, left, top + 32, left + 48), True),)
+        mono = dng(edged, 1, LINEAR_RAW, black, extra=area)
+        yield f"mono at {top} {left}.dng", mono, np.full((32, 48), 16384, np.uint16)
+        # LibRaw skips the first row or column if its number is odd.
+        shape = (32 - top % 2, 48 - left % 2, 3)
+        expected = np.full(shape, 16384, np.uint16)
+        yield f"filter at {top} {left}.dng", dng(edged, 1, black=black, extra=area), expected
     deltas = ((50715, 10, 48, (1, 1) * 48, True),)
     yield "deltas.dng", dng(raw, extra=deltas), "a raw image of a kind that is not handled"
     layout = ((50711, 3, 1, 2, True),)
