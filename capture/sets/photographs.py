@@ -55,7 +55,7 @@ class Photographs:
     orientation: int  # EXIF orientation of the files; `planes` are upright
     capture_date: str | None
     exposures_ms: tuple[float, ...]  # those that the files state
-    warnings: tuple[str, ...]  # about gamma, ISO values and F-numbers
+    warnings: tuple[str, ...]  # about gamma, settings of the camera and orientation
 
 
 def read_photographs(
@@ -85,7 +85,7 @@ def read_photographs(
         planes, bit_depth, full_scale, largest, gamma, source, (rows, columns),
         metadata[0].orientation, capture_date,
         tuple(file.exposure_ms for file in metadata if file.exposure_ms is not None),
-        (*warnings, *_unequal_settings(metadata)),
+        (*warnings, *_unequal_settings(metadata), *_rotation_warnings(metadata[0].orientation)),
     )  # fmt: skip
 
 
@@ -98,6 +98,14 @@ def _unequal_settings(metadata: Sequence[ImageMetadata]) -> list[str]:
         for name, values in (("ISO values", isos), ("F-numbers", f_numbers))
         if values and not _are_equal(values)
     ]
+
+
+def _rotation_warnings(orientation: int) -> list[str]:
+    # A camera that looks down may state any orientation, another one for its calibration.
+    if orientation == 1:
+        return []
+    text = f"the photographs were rotated by their EXIF orientation {orientation}; lights, mask"
+    return [f"{text} and crop must be those of the rotated image"]
 
 
 def _gamma_to_undo(

@@ -405,7 +405,9 @@ def test_photographs_are_turned_upright_and_must_agree(four: Photographs, tmp_pa
     for path in paths:
         tifffile.imwrite(path, image, photometric="minisblack", extratags=[(274, 3, 1, 6, True)])
     upright = np.rot90(image, -1)
-    np.testing.assert_array_equal(stored(paths).images[0], upright)
+    captured = stored(paths)
+    np.testing.assert_array_equal(captured.images[0], upright)
+    assert "rotated by their EXIF orientation 6" in "".join(captured.metadata.warnings)
     mask = written(tmp_path / "mask.png", np.full(upright.shape, 255, np.uint8))
     assert stored(paths, mask=mask).mask is not None
     mask = tmp_path / "mask.tif"
