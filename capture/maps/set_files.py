@@ -43,7 +43,7 @@ def write_light_folder(captured: CapturedSet, folder: Path) -> str:
         )
     if captured.metadata.mm_per_px is not None:
         options += ["--mm-per-px", str(captured.metadata.mm_per_px)]
-    return shlex.join([*options, "--bits", str(captured.metadata.full_scale.bit_length())])
+    return shlex.join([*options, "--bits", str(captured.metadata.full_scale.bit_count())])
 
 
 def write_numpy_file(captured: CapturedSet, path: Path) -> None:

@@ -40,17 +40,17 @@ def test_a_folder_of_images_comes_back_with_the_same_pixels(
 
 
 @pytest.mark.usefixtures("in_folder")
-def test_a_masked_set_comes_back_with_its_mask_and_scale(
-    ps4rig: Command, made_set: Callable[..., CapturedSet]
+@pytest.mark.parametrize("free_bits", [0, 4])
+def test_a_masked_set_comes_back_with_its_mask_scale_and_saturation(
+    ps4rig: Command, made_set: Callable[..., CapturedSet], free_bits: int
 ) -> None:
     rng = np.random.default_rng(1)
-    pixels = rng.integers(500, 3000, (4, 40, 50)).astype(np.uint16)
+    pixels = rng.integers(500, 3000, (4, 40, 50)).astype(np.uint16) << free_bits
     mask = np.zeros((40, 50), np.bool_)
     mask[10:30, 5:45] = True
     masked = made_set(pixels, mask=mask)
-    replace(masked, metadata=masked.metadata.model_copy(update={"mm_per_px": 0.05})).save(
-        "masked.ome.tif"
-    )
+    fields = {"mm_per_px": 0.05, "bit_depth": 12, "full_scale": 4095 << free_bits}
+    replace(masked, metadata=masked.metadata.model_copy(update=fields)).save("masked.ome.tif")
     answer = json.loads(ps4rig("export", "masked.ome.tif", "images", "--json").stdout)
     options = shlex.split(answer["import_options"])
     accepted = ("--accept", "residual", "--accept", "light-order")
@@ -58,6 +58,7 @@ def test_a_masked_set_comes_back_with_its_mask_and_scale(
     back = CapturedSet.load("back.ome.tif")
     np.testing.assert_array_equal(back.mask, mask)
     assert back.metadata.mm_per_px == 0.05
+    assert back.metadata.full_scale == 4095 << free_bits
 
 
 def test_a_numpy_file_has_every_array(ps4rig: Command, in_folder: Path) -> None:
