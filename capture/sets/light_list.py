@@ -46,11 +46,15 @@ _SIMILAR_KEYS = {
 _MISSPELT, _LONG_WORD = 0.8, 8
 
 
-class _NamedLight(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore")
-    file: str
+class _Light(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
     direction: _Vector
     intensity: Annotated[_Number, Field(gt=0.0)] | None = None
+
+
+class _NamedLight(_Light):
+    model_config = ConfigDict(frozen=True, extra="ignore")
+    file: str
 
 
 class _ImagesFile(BaseModel):
@@ -62,9 +66,8 @@ _EXPECTED_FORM = (
     "not a list of lights; give [[x, y, z], ...] in the order of the images, or "
     '{"images": [{"file": name, "direction": [x, y, z]}, ...]}'
 )
-_JSON: TypeAdapter[_ImagesFile | tuple[_NamedLight, ...] | tuple[_Vector, ...]] = TypeAdapter(
-    _ImagesFile | tuple[_NamedLight, ...] | tuple[_Vector, ...]
-)
+_Lists = _ImagesFile | tuple[_NamedLight, ...] | tuple[_Light, ...] | tuple[_Vector, ...]
+_JSON: TypeAdapter[_Lists] = TypeAdapter(_Lists)
 
 
 @dataclass(frozen=True)
@@ -266,8 +269,8 @@ def _parsed_json(path: Path, text: str, unknown_keys: bool) -> LightList:
     entries = content.images if isinstance(content, _ImagesFile) else content
     names = [light.file.replace("\\", "/") for light in entries if isinstance(light, _NamedLight)]
     places = [f"image {number}" for number in range(len(entries))]
-    vectors = [light.direction if isinstance(light, _NamedLight) else light for light in entries]
-    stated = [light.intensity if isinstance(light, _NamedLight) else None for light in entries]
+    vectors = [light.direction if isinstance(light, _Light) else light for light in entries]
+    stated = [light.intensity if isinstance(light, _Light) else None for light in entries]
     any_stated = any(intensity is not None for intensity in stated)
     intensities = (
         [1.0 if intensity is None else intensity for intensity in stated] if any_stated else []
@@ -336,18 +339,20 @@ def require_light_list_name(path: Path) -> None:
 
 
 def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> None:
-    """Write ``.lp`` with names, and intensities if known, or ``.json`` with vectors in order."""
+    """Write ``.lp`` with names or ``.json`` in order, and the intensities if they are known."""
     require_light_list_name(path)
     vectors = [[round(value, 9) for value in row] for row in lighting.directions.tolist()]
+    levels = [round(level, 6) for level in lighting.intensities.tolist()]
+    pairs = [*zip(vectors, levels, strict=True)]
+    has_levels = lighting.intensities_given
     if path.suffix.lower() == ".json":
-        text = "[\n" + ",\n".join(f" {json.dumps(value)}" for value in vectors) + "\n]\n"
+        entries = [
+            {"direction": vector, "intensity": level} if has_levels else vector
+            for vector, level in pairs
+        ]
+        text = "[\n" + ",\n".join(f" {json.dumps(entry)}" for entry in entries) + "\n]\n"
     else:
-        rows = [[*vector] for vector in vectors]
-        if lighting.intensities_given:
-            rows = [
-                [*vector, round(level, 6)]
-                for vector, level in zip(vectors, lighting.intensities.tolist(), strict=True)
-            ]
+        rows = [[*vector, level] if has_levels else vector for vector, level in pairs]
         lines = (f"{name} {' '.join(map(str, row))}" for name, row in zip(names, rows, strict=True))
         text = "\n".join([str(len(rows)), *lines]) + "\n"
     with durable_file(path) as temporary:

@@ -2,6 +2,7 @@
 
 import json
 import unicodedata
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -10,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.sets.light_list import LightList, load_light_list
+from capture.sets.light_list import LightList, load_light_list, write_light_list
 from classify import Lighting
 from classify.base.errors import InputError
 
@@ -334,6 +335,23 @@ def test_intensities_beside_directions_are_kept_in_the_order_of_the_images(tmp_p
     lighting = found.lighting_for([Path("c.png"), Path("a.png"), Path("b.png")])
     assert lighting.intensities.tolist() == [0.5, 1.0, 2.0]
     assert lighting.intensities_given
+
+
+@pytest.mark.parametrize("name", ["lights.json", "lights.lp"])
+def test_a_written_list_keeps_directions_and_intensities(tmp_path: Path, name: str) -> None:
+    for lighting in (RING, replace(RING, intensities=np.array([1.0, 0.7, 1.2, 0.9]))):
+        write_light_list(tmp_path / name, lighting, NAMES)
+        found = load_light_list(tmp_path / name).lighting_for(PATHS)
+        np.testing.assert_allclose(found.directions, lighting.directions, atol=1e-8)
+        assert found.intensities.tolist() == lighting.intensities.tolist()
+        assert found.intensities_given == lighting.intensities_given
+
+
+def test_lights_without_a_file_have_no_other_keys(tmp_path: Path) -> None:
+    """Else the key may be the name of the image, and the order means nothing."""
+    path = as_json(tmp_path, [{"img": "a.png", "direction": [0, 0, 1], "intensity": 1.0}])
+    with pytest.raises(InputError, match="not a list of lights"):
+        load_light_list(path)
 
 
 def test_an_lp_line_may_end_in_an_intensity(tmp_path: Path) -> None:
