@@ -30,6 +30,9 @@ _DEFAULT_ALBEDO = 0.8  # of a material without an albedo map
 _DEFAULT_RMS_SLOPE = 0.30  # of a height of unknown relief; scanned materials have 0.1 to 0.9
 _MAX_SLOPE = 10.0  # 84 degrees; one step of an 8-bit normal map changes this slope by 8 %
 _MAX_JSON_BYTES = 1 << 20
+# y points down if the curl of the slopes is then this many times smaller. For normal maps of 8 bits
+# of twelve surfaces it is then 15 times larger or more.
+_CLEARLY_LESS = 2.0
 _MAP_ENDINGS = ("png", "jpg", "jpeg")
 
 
@@ -91,6 +94,7 @@ def load_material(folder: str | Path) -> PeriodicSurface:
     scale = _known_scale(folder, width_px=shape[1])
     if normal_file:
         p, q = _slopes(maps[normal_file], normal_file)
+        _require_y_up(p, q, normal_file)
         if levels is None or np.ptp(levels) == 0.0:
             surface = PeriodicSurface.from_gradients(p, q, albedo, folder.name)
         else:
@@ -140,6 +144,20 @@ def _slopes(rgb: FloatMap, file: Path) -> tuple[FloatMap, FloatMap]:
     steepness = np.hypot(x, y) / z
     factor = np.minimum(1.0, _MAX_SLOPE / np.maximum(steepness, 1e-9)) / z
     return np.asarray(-x * factor, np.float32), np.asarray(-y * factor, np.float32)
+
+
+def _require_y_up(p: FloatMap, q: FloatMap, file: Path) -> None:
+    """Refuse slopes that are those of a surface only with y pointing down."""
+    p_upwards = np.roll(p, 1, axis=0) - np.roll(p, -1, axis=0)
+    q_to_the_right = np.roll(q, -1, axis=1) - np.roll(q, 1, axis=1)
+    curl, curl_of_y_down = (
+        float(np.mean(np.square(p_upwards - sign * q_to_the_right))) for sign in (1.0, -1.0)
+    )
+    if _CLEARLY_LESS * curl_of_y_down < curl:
+        raise InputError(
+            f"{file}: the normals fit a surface with y pointing down (DirectX); give the map of "
+            "the OpenGL convention, or invert its green channel"
+        )
 
 
 def _fitted_scale(

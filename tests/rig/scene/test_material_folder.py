@@ -156,6 +156,13 @@ def height_against_normals(folder: Path) -> None:
     write_normal(folder, flipped)
 
 
+def normals_of_directx(folder: Path) -> None:
+    (folder / "height.png").unlink()
+    surface = synthetic_surface("sand", 0, 64)
+    flipped = PeriodicSurface(surface.height, surface.p, -surface.q, surface.albedo, "flipped")
+    write_normal(folder, flipped)
+
+
 def image(name: str, pixels: np.ndarray) -> Callable[[Path], object]:
     return lambda folder: cv2.imwrite(str(folder / name), pixels)
 
@@ -185,6 +192,7 @@ def two_normals(folder: Path) -> None:
         (text("meta.json", '{"height": {"scale_px_per_unit": "3"}}'), r"meta\.json: height\.scale"),
         (two_normals, "normal.png and normal.jpg"),
         (height_against_normals, "the normal map rises"),
+        (normals_of_directx, r"normal\.png: the normals fit .* y pointing down"),
         (image("normal.png", np.zeros((32, 32, 3), np.uint8)), "away from the viewer"),
     ],
 )
