@@ -6,6 +6,7 @@ Only findings that no surface explains lead to a refusal; the others are warning
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -115,6 +116,9 @@ _SAME_IMAGE = 0.5
 # test_photograph_checks.py fails with 2 and with 8.
 _ENOUGH_IMAGES = 4
 _MAX_NAMES = 3  # in one message
+# The largest value of an image is that of clipped light if it is this many times as frequent as the
+# next one. Unclipped values become rarer towards the largest.
+_CLIPPED = 4.0
 
 
 @dataclass(frozen=True)
@@ -137,6 +141,7 @@ def check_photographs(
     findings = [
         *_equal(images),
         *_levels(images, mask),
+        *_clipping(images, mask),
         *_detail(images, explained_detail(shading)),
         *_order(images, order),
         *_one_light(images, unlike_images_of_one_light(shading, images.lighting)),
@@ -194,6 +199,32 @@ def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
         yield _Finding(
             ImportCause.DARK, text, min(dark.values()) <= acceptance.MIN_SIGNAL_SHARE * brightest
         )
+
+
+def _clipping(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
+    clipped = {
+        name: value / images.full_scale
+        for name, image in zip(images.names, images.images, strict=True)
+        if (value := _clipping_value(image if mask is None else image[mask])) < images.full_scale
+    }
+    if clipped:
+        text = (
+            f"{_listed(clipped)}: clipped at down to {min(clipped.values()):.0%} of the full "
+            "scale, so that saturated pixels count as good; expose for less, and do not scale the "
+            "values"
+        )
+        yield _Finding(ImportCause.SATURATION, text, False)
+
+
+def _clipping_value(pixels: Array) -> float:
+    """Value at which pixels are clipped; infinite if they are not."""
+    largest = int(pixels.max())
+    count = np.count_nonzero(pixels == largest)
+    if count <= acceptance.MAX_SATURATED_SHARE * pixels.size:
+        return math.inf
+    others = pixels[pixels < largest]
+    next_count = np.count_nonzero(others == others.max()) if others.size else count
+    return largest if count > _CLIPPED * next_count else math.inf
 
 
 def _listed(names: Collection[str]) -> str:

@@ -120,6 +120,14 @@ def test_spoilt_photographs_are_refused_and_lesser_faults_are_warnings(tmp_path:
     assert "image2.png: down to 0.0%" in rejected(dark)
 
 
+def test_photographs_clipped_below_full_scale_are_a_warning(tmp_path: Path) -> None:
+    clipped = changed(
+        tmp_path, 2, lambda image: np.minimum(image, int(np.quantile(image, 0.97))).astype(np.uint8)
+    )
+    (warning,) = imported(clipped).metadata.warnings
+    assert re.match(r"image2\.png: clipped at down to \d\d% of the full scale", warning)
+
+
 def test_a_spoilt_photograph_of_many_is_a_warning(tmp_path: Path) -> None:
     paths = LIGHTS.image_paths()
     paths[2] = changed(tmp_path, 2, lambda image: np.full_like(image, 255))[2]
