@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import ItemProgress, out, print_json, progress
+from capture.base.console import ItemProgress, complain, out, print_json, progress
 from capture.commands import options
 from classify.base.errors import InputError
 from classify.methods import METHODS, Method
@@ -240,7 +240,7 @@ def export(
     from capture.base.outputs import check_output
     from capture.batch.tasks import SolveTask, solve_set
     from capture.maps.set_files import write_light_folder
-    from capture.sets.captured_set import CapturedSet, LoadedSet, naming_file
+    from capture.sets.captured_set import LoadedSet, naming_file
 
     suffix = output.suffix.lower()
     form = FORMATS.get(suffix)
@@ -258,14 +258,21 @@ def export(
     if maps:
         task = SolveTask(captured_set, output)
         answer["files"] = solve_set(task, None, calibration=calibration, raw=raw).files
-    elif form is not None:
-        check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
-        loaded = LoadedSet.of(captured_set, calibration, raw=raw or not form.solved)
-        with naming_file(captured_set):
-            unit = form.write(loaded, output)
-        answer |= {} if unit is None else {"unit": unit}
     else:
-        answer["import_options"] = write_light_folder(CapturedSet.load(captured_set), output)
+        if form is not None:
+            check_output(output, suffix=output.suffix, inputs=[captured_set], force=force)
+        loaded = LoadedSet.of(captured_set, calibration, raw=raw or not is_solved)
+        if not is_solved and loaded.captured.metadata.calibration_ids:
+            complain(
+                f"warning: {output}: lights and pixel values are not corrected by the calibration "
+                "of the set"
+            )
+        if form is None:
+            answer["import_options"] = write_light_folder(loaded.captured, output)
+        else:
+            with naming_file(captured_set):
+                unit = form.write(loaded, output)
+            answer |= {} if unit is None else {"unit": unit}
     if json:
         print_json(answer)
         return

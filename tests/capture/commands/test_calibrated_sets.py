@@ -167,6 +167,15 @@ def test_export_and_compare_solve_as_solve_does(
     assert "end the name in" in wrong
 
 
+@pytest.mark.parametrize("name", ["images", "arrays.npz"])
+def test_an_export_that_no_calibration_corrects_says_so(
+    lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], name: str
+) -> None:
+    done = ps4rig("export", lab / "sets" / "rock-001.ome.tif", tmp_path / name)
+    assert done.exit_code == 0, done.stderr
+    assert f"{name}: lights and pixel values are not corrected by" in done.stderr
+
+
 def test_photographs_are_imported_with_a_calibration(
     lab: Path, tmp_path: Path, ps4rig: Callable[..., Any], refused: Callable[..., str]
 ) -> None:
