@@ -273,11 +273,11 @@ def compare(
 
 
 def _print(comparison: Comparison) -> None:
-    texture, angle_deg = comparison.texture, comparison.angle_deg
+    texture, angle_text = comparison.texture, comparison.angle_text
     if texture is None:
         out.print("texture: not compared: a side is too small, or has no valid pixel")
     else:
-        angle = "no clear angle" if angle_deg is None else f"{angle_deg:.1f} degrees"
+        angle = "no clear angle" if angle_text is None else f"{angle_text} degrees"
         out.print(f"texture: distance {texture.distance:.2f}, {angle} from A to B")
     if comparison.normals_deg is not None and comparison.is_aligned:
         median, p95 = comparison.normals_deg

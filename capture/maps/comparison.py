@@ -17,6 +17,7 @@ from capture.sets.captured_set import CapturedSet, LoadedSet, naming_file
 from classify import InputError, SurfaceEstimate
 from classify.base.arrays import BoolArray, FloatMap, Floats
 from classify.library.dissimilarity import TexturePair, compare_textures
+from classify.lighting import orientation_near
 from classify.texture.orientation import MIN_SHARPNESS
 
 from . import pictures
@@ -271,6 +272,13 @@ class Comparison:
     fields: tuple[FieldDifference, ...]
 
     @property
+    def angle_text(self) -> str | None:
+        """The angle with one decimal: 89.97 rounds to -90.0, and -0.04 to 0.0."""
+        if self.angle_deg is None:
+            return None
+        return f"{orientation_near(round(self.angle_deg, 1), 0.0):.1f}"
+
+    @property
     def is_aligned(self) -> bool:
         """Whether the slopes correlate, as for a part that was not moved."""
         slopes = [self.maps[name].correlation for name in ("p", "q") if name in self.maps]
@@ -352,8 +360,8 @@ def _facts(comparison: Comparison) -> Iterator[tuple[str, str]]:
         yield "texture", "not compared: a side is too small, or has no valid pixel"
         return
     yield "texture distance", number_text(comparison.texture.distance)
-    angle = comparison.angle_deg
-    yield "angle", "the textures show none" if angle is None else f"{angle:.1f}°"
+    angle = comparison.angle_text
+    yield "angle", "the textures show none" if angle is None else f"{angle}°"
     yield "focus of B", f"{number_text(-comparison.texture.blur_px)} px"
     if comparison.normals_deg is not None and comparison.is_aligned:
         yield "normals, median", f"{number_text(comparison.normals_deg[0])}°"

@@ -72,6 +72,9 @@ def test_the_angle_is_anticlockwise_from_the_first_to_the_second(capture: Captur
     first, second = capture("a", rotate_deg=20.0), capture("b", rotate_deg=60.0)
     assert compared(first, second).angle_deg == pytest.approx(40.0, abs=1.5)
     assert compared(second, first).angle_deg == pytest.approx(-40.0, abs=1.5)
+    one = compared(first, first)
+    for angle_deg, text in ((89.97, "-90.0"), (-90.0, "-90.0"), (-0.04, "0.0"), (None, None)):
+        assert replace(one, angle_deg=angle_deg).angle_text == text
     # Rock has no direction.
     rock, elsewhere = capture("c", "rock"), capture("d", "rock", shift_px=(60.0, 9.0))
     assert compared(rock, elsewhere).angle_deg is None
