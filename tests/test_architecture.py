@@ -40,7 +40,7 @@ STOREYS = {
         {"defects", "pieces"},
     ),
     "rig": (
-        {"acceptance", "errors", "image_metadata", "set_file", "signals"},
+        {"acceptance", "errors", "image_metadata", "raw_image", "set_file", "signals"},
         {"image_file"},
         {"scene"},
         {"cameras"},
