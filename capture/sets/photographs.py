@@ -7,7 +7,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Literal, cast, get_args
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -25,6 +24,12 @@ from rig.set_file import pixels_sha256
 from .captured_set import CapturedSet
 from .image_checks import LightImages, check_photographs
 from .metadata import ImageRecord, LightingRecord, SetMetadata
+from .photograph_warnings import (
+    exposure_warnings,
+    file_warnings,
+    outline_warnings,
+    slant_warnings,
+)
 
 Gamma = Literal["linear", "srgb"]
 _GammaSource = Literal["stated", "given", "assumed"]  # by the files, by the user, by default
@@ -37,8 +42,6 @@ _MAX_METADATA_BYTES = 1 << 24
 DNG = ".dng"
 # Depths of common sensors, from which that of a file of 16 bits is guessed.
 _DEPTHS = (8, 10, 12, 14, 16)
-# Slant up to which a warning comes. Lights of microscopes and copy stands have 10 degrees and more.
-_SMALL_SLANT_DEG = 5.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,27 +88,8 @@ def read_photographs(
         planes, bit_depth, full_scale, largest, gamma, source, (rows, columns),
         metadata[0].orientation, capture_date,
         tuple(file.exposure_ms for file in metadata if file.exposure_ms is not None),
-        (*warnings, *_unequal_settings(metadata), *_rotation_warnings(metadata[0].orientation)),
+        (*warnings, *file_warnings(metadata)),
     )  # fmt: skip
-
-
-def _unequal_settings(metadata: Sequence[ImageMetadata]) -> list[str]:
-    """Warn of settings of the camera that differ between photographs."""
-    isos = [file.iso for file in metadata if file.iso is not None]
-    f_numbers = [file.f_number for file in metadata if file.f_number is not None]
-    return [
-        f"the files state {name} of {min(values):.4g} to {max(values):.4g}; use one for all"
-        for name, values in (("ISO values", isos), ("F-numbers", f_numbers))
-        if values and not _are_equal(values)
-    ]
-
-
-def _rotation_warnings(orientation: int) -> list[str]:
-    # A camera that looks down may state any orientation, another one for its calibration.
-    if orientation == 1:
-        return []
-    text = f"the photographs were rotated by their EXIF orientation {orientation}; lights, mask"
-    return [f"{text} and crop must be those of the rotated image"]
 
 
 def _gamma_to_undo(
@@ -360,9 +344,9 @@ def import_images(
             *warnings,
             *photographs.warnings,
             *_depth_warnings(photographs),
-            *_exposure_warnings(photographs.exposures_ms),
-            *_slant_warnings(lighting),
-            *_outline_warnings(mask, part_mask),
+            *exposure_warnings(photographs.exposures_ms),
+            *slant_warnings(lighting),
+            *outline_warnings(mask, part_mask),
             *(finding.text for finding in findings),
         ),
         accepted=tuple(dict.fromkeys(finding.cause for finding in findings if finding.refutes)),
@@ -377,40 +361,6 @@ def _depth_warnings(photographs: Photographs) -> list[str]:
         return []
     text = f"the data are taken for {photographs.bit_depth} bits, because the largest value is"
     return [f"{text} {photographs.depth_guessed_from}; --bits N sets another depth"]
-
-
-def _exposure_warnings(exposures_ms: Sequence[float]) -> list[str]:
-    if not exposures_ms or _are_equal(exposures_ms):
-        return []
-    text = f"the files state exposures of {min(exposures_ms):.4g} to {max(exposures_ms):.4g} ms"
-    return [f"{text}; expose all alike, or give intensities by --lights that contain them"]
-
-
-def _are_equal(values: Sequence[float]) -> bool:
-    return max(values) <= 1.05 * min(values)  # 1/60 s and 0.017 s are one exposure
-
-
-def _slant_warnings(lighting: Lighting) -> list[str]:
-    largest_deg = float(lighting.slants_deg.max())
-    if largest_deg > _SMALL_SLANT_DEG:
-        return []
-    text = f"all lights stand within {largest_deg:.3g} degrees of the camera's axis, so that slopes"
-    return [f"{text} are poorly known; slants are degrees, not radians"]
-
-
-def _outline_warnings(path: Path | None, mask: BoolArray | None) -> list[str]:
-    """Warn of a mask that encloses more black than it has white."""
-    if path is None or mask is None:
-        return []
-    # Black areas, with a black border around the image: the area of a corner is the outside.
-    _, areas = cv2.connectedComponents(
-        np.pad(~mask, 1, constant_values=True).view(np.uint8), connectivity=4
-    )
-    enclosed = float((areas[1:-1, 1:-1] > areas[0, 0]).mean())
-    if enclosed <= mask.mean():
-        return []
-    text = f"{path.name}: the mask is white on {mask.mean():.1%} of the image and encloses"
-    return [f"{text} {enclosed:.1%} that is black; fill the outline if the part is inside"]
 
 
 def _is_simulated(folder: Path) -> bool:
