@@ -76,6 +76,8 @@ def read_photographs(
     stated = [file.response for file in metadata]
     gamma, source, warnings = _gamma_to_undo(paths, stated, frames[0], gamma)
     images = [_cropped(frame, crop) for frame in frames]
+    if (gamma, source) == ("srgb", "stated"):
+        bits = bits or 8 * images[0].dtype.itemsize  # sRGB fills the depth of the file
     bit_depth, full_scale, largest = (16, 65535, None) if dng_count else _depth(images, bits)
     if gamma == "srgb" or any(image.ndim == 3 for image in images):
         planes = [_linear_luminance(image, full_scale, gamma == "srgb") for image in images]

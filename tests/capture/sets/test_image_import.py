@@ -331,6 +331,18 @@ def test_the_depth_is_guessed_from_the_largest_value(
     assert all(f"value is {largest << shift};" in e for e in said)
 
 
+def test_dark_photographs_that_state_srgb_have_the_depth_of_the_file(four: Photographs) -> None:
+    image = (pattern(np.uint16) // 8).astype(np.uint16)
+    paths = four(image)
+    for path in paths:
+        state(path, "srgb")
+    captured = stored(paths)
+    assert captured.metadata.bit_depth == 16
+    assert not any("are taken for" in warning for warning in captured.metadata.warnings)
+    expected = np.rint(65535 * srgb(image / 65535))
+    assert np.abs(captured.images[1] - expected).max() <= 1
+
+
 def test_saturation_is_that_of_the_given_depth(four: Photographs) -> None:
     """A pixel of 12-bit data in a file of 16 bits was never saturated."""
     image = np.full(SHAPE, 900, np.uint16)
