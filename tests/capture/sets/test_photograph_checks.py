@@ -120,6 +120,16 @@ def test_spoilt_photographs_are_refused_and_lesser_faults_are_warnings(tmp_path:
     assert "image2.png: down to 0.0%" in rejected(dark)
 
 
+def test_the_mosaic_of_a_colour_camera_is_a_warning(tmp_path: Path) -> None:
+    filters = np.tile([[0.5, 1.0], [1.0, 0.7]], (64, 64))
+    paths = [tmp_path / path.name for path in PICKED]
+    for path, source in zip(paths, PICKED, strict=True):
+        image = cv2.imread(str(source), cv2.IMREAD_GRAYSCALE)
+        cv2.imwrite(str(path), (image * filters).astype(np.uint8))
+    warnings = imported(paths).metadata.warnings
+    assert any(re.match(r"neighbouring pixels differ by (49|5\d)%", text) for text in warnings)
+
+
 def test_photographs_clipped_below_full_scale_are_a_warning(tmp_path: Path) -> None:
     clipped = changed(
         tmp_path, 2, lambda image: np.minimum(image, int(np.quantile(image, 0.97))).astype(np.uint8)
