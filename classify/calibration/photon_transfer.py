@@ -132,6 +132,10 @@ def photon_transfer(
     dark_noise_dn: float | None = None,
 ) -> PhotonTransfer:
     """Fit gain and read noise of a linear camera to levels of several exposures of a scene."""
+    if not any(level.freedom for level in levels):
+        raise CalibrationRejected(
+            "the noise is that of two images at one exposure; give two or more of each"
+        )
     means = np.concatenate([level.means for level in levels]) - black_level_dn
     variances = np.concatenate([level.variances for level in levels])
     freedom = np.concatenate([np.full(level.means.shape, level.freedom) for level in levels])

@@ -90,3 +90,9 @@ def test_levels_without_a_line_are_refused(
     levels = [BlockLevels(each, 0.05 + variance_per_dn * each, 0.0, 3000.0) for each in means]
     with pytest.raises(CalibrationRejected, match=cause):
         photon_transfer(levels, 4.0, 255.0)
+
+
+def test_single_images_show_no_noise() -> None:
+    frame = np.full((1, SIZE, SIZE), 900, np.uint16)
+    with pytest.raises(CalibrationRejected, match="two images at one exposure"):
+        photon_transfer([block_levels(frame, 4095.0)] * 6, 0.0, 4095.0)
