@@ -22,6 +22,7 @@ from classify.images import ImageStack
 from classify.lights.agreement import LightAgreement, light_agreement
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LEVEL_SAMPLES, LitSamples, levels_of_many
+from classify.lights.registration import shift_of_one_image
 from classify.lights.shading import (
     ShadingOrder,
     explained_detail,
@@ -147,6 +148,7 @@ def check_photographs(
         *_clipping(images, mask),
         *_mosaic(images),
         *_detail(images, explained_detail(shading)),
+        *_registration(images, mask),
         *_order(images, order),
         *_one_light(images, unlike_images_of_one_light(shading, images.lighting)),
         *_four_lights(images, agreement),
@@ -259,6 +261,18 @@ def _detail(images: LightImages, explained: Floats) -> Iterator[_Finding]:
                 "another scene, or the part or the camera moved"
             )
             yield _Finding(ImportCause.RESIDUAL, text, share < acceptance.MIN_EXPLAINED_DETAIL)
+
+
+def _registration(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
+    shift_px = shift_of_one_image(
+        images.images, images.ambient, images.lighting, images.full_scale, mask
+    )
+    if shift_px is not None:
+        text = (
+            f"a photograph is shifted by about {shift_px:.0f} px against the others: the camera or "
+            "the part moved, or crops differ"
+        )
+        yield _Finding(ImportCause.RESIDUAL, text, False)
 
 
 def _order(images: LightImages, order: ShadingOrder) -> Iterator[_Finding]:

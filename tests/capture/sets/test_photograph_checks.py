@@ -120,6 +120,12 @@ def test_spoilt_photographs_are_refused_and_lesser_faults_are_warnings(tmp_path:
     assert "image2.png: down to 0.0%" in rejected(dark)
 
 
+def test_a_shifted_photograph_is_a_warning(tmp_path: Path) -> None:
+    moved = changed(tmp_path, 2, lambda image: np.roll(image, 3, axis=1))
+    warnings = imported(moved).metadata.warnings
+    assert any(re.match(r"a photograph is shifted by about [234] px", text) for text in warnings)
+
+
 def test_the_mosaic_of_a_colour_camera_is_a_warning(tmp_path: Path) -> None:
     filters = np.tile([[0.5, 1.0], [1.0, 0.7]], (64, 64))
     paths = [tmp_path / path.name for path in PICKED]
