@@ -35,6 +35,11 @@ class Orientation(Section):
     def period_deg(self) -> float:
         return 360.0 if self.full_turn else 180.0
 
+    def deviation_deg(self, measured_deg: float, period_deg: float) -> float:
+        """Return the departure of an orientation with this period, within half a period."""
+        half_deg = 0.5 * period_deg
+        return (measured_deg - self.reference_deg + half_deg) % period_deg - half_deg
+
 
 class Region(Section):
     """Judged region of the image, in px: column and row of its top left corner, size."""

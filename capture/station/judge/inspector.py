@@ -20,7 +20,7 @@ from capture.calibration.lookup import FoundCalibration
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.limits import LimitedMeasures, Limits
-from capture.station.domain.recipe import Recipe
+from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.recipe_file import RecipeFolder, file_sha256, read_recipe
 from capture.station.domain.taught import (
     Taught,
@@ -41,10 +41,10 @@ from classify.surface.tilt_error import tilt_error_deg
 from rig.config.lights import led_names
 
 from .fingerprint import Fingerprint
-from .judge import Finding, Measures, validity_findings, verdict_of
+from .judge import Finding, Measures, orientation_of, validity_findings, verdict_of
 from .measured_surface import MeasuredSurface, fits
 
-_MATCH_FIELDS = ("label", "nearest", "orientation_deg", "distance", "limit", "margin", "blur_px")
+_MATCH_FIELDS = ("label", "nearest", "distance", "limit", "margin", "blur_px")
 _LIMITED_MEASURES = tuple(measure.name for measure in fields(LimitedMeasures))
 # Number of defects that a result lists; a part of another texture may have hundreds.
 _MAX_DEFECTS = 50
@@ -70,12 +70,16 @@ class Inspection:
     # Signal of each light as a share of its taught signal, `PartResult.led_levels`; may be empty.
     light_signal_ratios: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
+    orientation_rule: Orientation = field(default_factory=Orientation)
 
     def recorded(self, part: PartResult) -> PartResult:
         """Return the result of a part with the inspection; NaN and infinity become None."""
         values = {name: getattr(self.measures, name) for name in _LIMITED_MEASURES}
         if (match := self.measures.match) is not None:
             values |= {name: getattr(match, name) for name in _MATCH_FIELDS}
+            orientation_deg, period_deg = orientation_of(self.orientation_rule, match)
+            values["orientation_deg"] = orientation_deg
+            values["orientation_period_deg"] = None if orientation_deg is None else period_deg
         return replace(
             part,
             verdict=self.verdict,
@@ -249,7 +253,9 @@ class Inspector:
         )
         ratios = tuple((np.array(measured.light_signals) / taught).tolist())
         verdict = verdict_of(self.recipe, measures, faults)
-        return Inspection(verdict, measures, defect_map, defects, ratios, timings_ms)
+        return Inspection(
+            verdict, measures, defect_map, defects, ratios, timings_ms, self.recipe.orientation
+        )
 
     def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:
         """Outline the defects above a limit; their scores are in units of it."""

@@ -130,25 +130,30 @@ def _match_findings(match: Match, limits: Limits) -> Iterator[Finding]:
 def _orientation_findings(rule: Orientation, match: Match) -> Iterator[Finding]:
     if rule.tolerance_deg is None:
         return
-    measured_deg = _measured_deg(rule, match)
-    if measured_deg is None:
+    measured_deg, period_deg = orientation_of(rule, match)
+    if measured_deg is None or period_deg != rule.period_deg:
         yield Finding(Cause.UNDECIDED, f"the orientation of {match.label} is not clear")
         return
     name = f"sharpness of the orientation of {match.label}"
     yield from _bound_findings(
         name, match.sharpness, "at least", MIN_SHARPNESS, Cause.UNDECIDED, ".2f"
     )
-    half_deg = 0.5 * rule.period_deg
-    deviation_deg = (measured_deg - rule.reference_deg + half_deg) % rule.period_deg - half_deg
+    deviation_deg = rule.deviation_deg(measured_deg, period_deg)
     name = f"degrees off {rule.reference_deg:g}"
     yield from _bound_findings(
         name, abs(deviation_deg), "at most", rule.tolerance_deg, Cause.ORIENTATION, ".1f"
     )
 
 
-def _measured_deg(rule: Orientation, match: Match) -> float | None:
-    """Orientation that the rule compares: over 360 degrees for a full turn, else over 180."""
-    return match.heading_deg if rule.full_turn else match.orientation_deg
+def orientation_of(rule: Orientation, match: Match) -> tuple[float | None, float]:
+    """Return the orientation of a part, and its period in degrees.
+
+    The period is 360 if the rule tells apart parts that are rotated by 180 degrees, and the texture
+    does.
+    """
+    if rule.full_turn and match.heading_deg is not None:
+        return match.heading_deg, 360.0
+    return match.orientation_deg, 180.0
 
 
 def _limit_findings(key: str, limits: Limits, measures: Measures | Match) -> Iterator[Finding]:
@@ -175,9 +180,8 @@ def _measures_text(recipe: Recipe, measures: Measures, match: Match) -> str:
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
     parts = [f"distance {match.distance:.2f} of {min(bounds):.2f}"]
     if recipe.orientation.tolerance_deg is not None:
-        measured_deg = _measured_deg(recipe.orientation, match) or 0.0
-        text = orientation_text(measured_deg, 0, recipe.orientation.period_deg)
-        parts.append(f"at {text} degrees")
+        measured_deg, period_deg = orientation_of(recipe.orientation, match)
+        parts.append(f"at {orientation_text(measured_deg or 0.0, 0, period_deg)} degrees")
     parts += [
         row.text_within(getattr(measures, MEASURES_OF[key]), limit)
         for key, row in ROWS.items()

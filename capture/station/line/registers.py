@@ -9,7 +9,7 @@ from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
 from capture.station.run.states import State
 
-PAGE_VERSION = 2  # 2 has SelectRecipe
+PAGE_VERSION = 3  # 3 has orientation_period
 _NO_ORIENTATION = 0xFFFF
 # Ids given with a trigger have up to 100 characters, two in a word.
 _ID_WORDS = 50
@@ -110,7 +110,11 @@ STATION = _page(
     ("result_number", "u32", "number of the part whose result is shown; 0 without ResultsValid"),
     ("verdict", "u16", "see below; 0 without ResultsValid"),
     ("cause", "u16", "gravest cause, see below; 0 for PASS"),
-    ("orientation", "u16", f"tenths of a degree, 0 to 1799; {_NO_ORIENTATION}: not measured"),
+    (
+        "orientation",
+        "u16",
+        f"tenths of a degree below the period; {_NO_ORIENTATION}: not measured",
+    ),
     ("result_hash", "u32", "as recipe_hash, of the recipe that judged the part; 0: none"),
     ("overruns", "u16", "results that were dropped because the PLC did not acknowledge"),
     ("result_part_id", "text", "id of the part"),
@@ -119,6 +123,11 @@ STATION = _page(
         "select_error",
         "u16",
         "why the recipe was not loaded, see below; 0 unless RecipeRefused is set",
+    ),
+    (
+        "orientation_period",
+        "u16",
+        "degrees: 360 with `full_turn`, if the texture shows it, else 180; 0: not measured",
     ),
 )
 PLC = _page(
@@ -137,14 +146,16 @@ PLC_WORDS = PLC[-1].address + PLC[-1].words - PLC_ADDRESS
 def registers_of(part: PartResult | None) -> _Values:
     """Return the values of the registers for a result, or for no result."""
     if part is None:
-        empty = dict.fromkeys(("result_number", "verdict", "cause", "result_hash"), 0)
-        return empty | {"orientation": _NO_ORIENTATION, "result_part_id": ""}
-    verdict, angle_deg = part.verdict, part.orientation_deg
+        names = "result_number", "verdict", "cause", "result_hash", "orientation_period"
+        return dict.fromkeys(names, 0) | {"orientation": _NO_ORIENTATION, "result_part_id": ""}
+    verdict = part.verdict
+    angle_deg, period_deg = part.orientation_deg or 0.0, round(part.orientation_period_deg or 0.0)
     return {
         "result_number": part.number,
         "verdict": VERDICTS[verdict.decision],
         "cause": verdict.causes[0].plc_code if verdict.causes else 0,
-        "orientation": _NO_ORIENTATION if angle_deg is None else round(10 * angle_deg) % 1800,
+        "orientation": round(10 * angle_deg) % (10 * period_deg) if period_deg else _NO_ORIENTATION,
+        "orientation_period": period_deg,
         "result_hash": first_digits(part.recipe_sha256),
         "result_part_id": part.part_id,
     }

@@ -198,16 +198,18 @@ def _number(
 
 
 def _orientation(result: PartResult, recipe: Recipe | None) -> _MeasuredNumber:
-    degrees = result.orientation_deg
-    value = _NOT_MEASURED if degrees is None else f"{orientation_text(degrees, 1)}°"
-    limit = ""
+    degrees, period_deg = result.orientation_deg, result.orientation_period_deg or 180.0
+    digits, limit = 1, ""
     rule = None if recipe is None else recipe.orientation
     if rule is not None and (tolerance_deg := rule.tolerance_deg) is not None:
         limit = f"{rule.reference_deg:g} ± {tolerance_deg:g}°"
         if degrees is not None:
-            off_deg = (degrees - rule.reference_deg + 90.0) % 180.0 - 90.0
+            off_deg = rule.deviation_deg(degrees, period_deg)
             ends = [degrees - off_deg + side * tolerance_deg for side in (-1.0, 1.0)]
             text = max((distinct_texts(degrees, end, ".1f")[0] for end in ends), key=len)
-            value = f"{orientation_text(degrees, len(text.partition('.')[2]))}°"
+            digits = len(text.partition(".")[2])
     is_beyond = Cause.ORIENTATION in result.verdict.causes
-    return _MeasuredNumber("orientation", value, limit, is_beyond)
+    if degrees is None:
+        return _MeasuredNumber("orientation", _NOT_MEASURED, limit, is_beyond)
+    value = f"{orientation_text(degrees, digits, period_deg)}°"
+    return _MeasuredNumber(f"orientation, over {period_deg:g}°", value, limit, is_beyond)

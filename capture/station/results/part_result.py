@@ -17,7 +17,7 @@ from .utc import require_utc
 
 # Fields that are measured numbers, None where nothing was measured.
 MEASURES = (
-    "orientation_deg", "distance", "limit", "margin", "blur_px",
+    "orientation_deg", "orientation_period_deg", "distance", "limit", "margin", "blur_px",
     *(measure.name for measure in fields(LimitedMeasures)),
 )  # fmt: skip
 # Largest number of characters of a text: an exception may contain a whole document.
@@ -99,7 +99,9 @@ class PartResult(LimitedMeasures):
     set_sha256: str | None = None  # of the pixels
     label: str | None = None  # `label` to `blur_px`: as in `classify.Match`
     nearest: str | None = None
-    orientation_deg: float | None = None
+    orientation_deg: float | None = None  # over `orientation_period_deg`
+    # 360 where the recipe has ``full_turn`` and the texture shows it, else 180.
+    orientation_period_deg: float | None = None
     distance: float | None = None
     limit: float | None = None
     margin: float | None = None

@@ -41,7 +41,7 @@ from classify.base.errors import InputError
 
 from .part_result import COLUMNS
 
-VERSION = 9
+VERSION = 10
 HOW_TO_MAKE = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
 
 _metadata = MetaData()

@@ -14,13 +14,17 @@ from capture.station.domain.recipe import (
     Recipe,
 )
 from capture.station.domain.verdict import Cause, Decision
+from capture.station.judge.inspector import Inspection
 from capture.station.judge.judge import (
     STOP_LED_LEVEL,
     Finding,
     Measures,
     verdict_of,
 )
+from capture.station.line.registers import registers_of
+from capture.station.panel.result_pages import measured_numbers
 from classify import Match
+from tests.capture.station.results.parts import minimal
 
 GOOD_MATCH = Match(
     label="steel",
@@ -147,6 +151,30 @@ def test_a_whole_turn_needs_a_heading() -> None:
     assert passed.decision is Decision.PASS
     assert "at 182 degrees" in passed.reason
     assert verdict_of(recipe, of_match(heading_deg=None)).causes == (Cause.UNDECIDED,)
+
+
+@pytest.mark.parametrize(
+    ("full_turn", "heading_deg", "recorded"),
+    [
+        (True, 182.0, (182.0, 360.0)),
+        (False, 182.0, (2.0, 180.0)),
+        (True, None, (2.0, 180.0)),
+    ],
+)
+def test_a_result_has_the_orientation_that_was_judged(
+    full_turn: bool, heading_deg: float | None, recorded: tuple[float, float]
+) -> None:
+    rule = Orientation(tolerance_deg=5.0, reference_deg=180.0, full_turn=full_turn)
+    recipe = RECIPE.model_copy(update={"orientation": rule})
+    measures = of_match(heading_deg=heading_deg)
+    inspection = Inspection(verdict_of(recipe, measures), measures, orientation_rule=rule)
+    result = inspection.recorded(minimal())
+    assert (result.orientation_deg, result.orientation_period_deg) == recorded
+    numbers = {number.name: number.value for number in measured_numbers(result, recipe)}
+    assert numbers[f"orientation, over {recorded[1]:g}°"] == f"{recorded[0]:.1f}°"
+    registers = registers_of(result)
+    assert registers["orientation"] == 10 * recorded[0]
+    assert registers["orientation_period"] == recorded[1]
 
 
 def test_a_library_of_one_texture_has_no_margin() -> None:

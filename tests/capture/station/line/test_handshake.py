@@ -117,10 +117,13 @@ def test_a_part_goes_through_the_handshake_of_the_readme() -> None:
     tell(
         handshake,
         PartAnnounced(
-            result(3, FAILED, part_id="A-17", orientation_deg=179.96, recipe_sha256="89abcdef" * 8),
+            result(
+                3, FAILED, part_id="A-17", recipe_sha256="89abcdef" * 8,
+                orientation_deg=179.96, orientation_period_deg=180.0,
+            ),
             12.0,
         ),
-    )
+    )  # fmt: skip
     page = shown(handshake)
     assert Status(page["status"]) == Status.READY | Status.EXPOSURE_COMPLETE | Status.RESULTS_VALID
     assert page["result_number"] == 3
