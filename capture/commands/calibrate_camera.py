@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from capture.base.typed_number import typed_number
 from capture.commands import calibrate_flow as flow
 from capture.commands import options
 from classify.base.errors import CalibrationRejected, InputError
@@ -221,7 +222,7 @@ def _exposures_ms(photographs: list[Path], text: str | None) -> list[float]:
             )
         return [exposure_ms for _, exposure_ms in exposures if exposure_ms is not None]
     try:
-        times_ms = [float(time_ms) for time_ms in text.split(",")]
+        times_ms = [typed_number(time_ms) for time_ms in text.split(",")]
     except ValueError as error:
         raise InputError(f"--exposures-ms {text}: give numbers separated by commas") from error
     if len(times_ms) != len(photographs) or not all(0.0 < time_ms < 1e7 for time_ms in times_ms):

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capture.base.console import complain
+from capture.base.typed_number import typed_number
 from classify.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -132,7 +133,7 @@ def defects(texts: list[str] | None) -> list[dict[str, Any]] | None:
         names = ("x_px", "y_px", "size_px", last_name)
         try:
             fields = {
-                name: value if name == "surface" else float(value)
+                name: value if name == "surface" else typed_number(value)
                 # Three or four values; any other number is a ValueError of `zip`.
                 for name, value in zip(names[: max(len(values), 3)], values, strict=True)
             }
@@ -181,7 +182,7 @@ _MAX_DEG = 3600.0  # the limit of `Degrees` in a rig.toml
 def degrees(option: str, text: str, example: str) -> list[float]:
     """Parse angles in degrees, separated by commas, of an option."""
     try:
-        numbers = [float(number) for number in text.split(",")]
+        numbers = [typed_number(number) for number in text.split(",")]
     except ValueError:
         numbers = [math.nan]  # fails the comparison below
     if not all(abs(number) <= _MAX_DEG for number in numbers):

@@ -100,6 +100,7 @@ def test_the_known_orientation_of_photographs_is_kept(
     [
         ([], "--slant"),
         (["--slant", "45", "--tilts", "0,90,180,west"], "--tilts 0,90,180,west"),
+        (["--slant", "45", "--tilts", "0,90,180,2_70"], "--tilts 0,90,180,2_70"),
         (["--slant", "45", "--lights", "x.lp"], "--slant"),
         (["--tilts", "0,90", "--lights", "x.lp"], "--slant and --tilts"),
         (["--slant", "45", "--crop", "1,2,3"], "--crop 1,2,3"),

@@ -8,6 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
+from capture.base.typed_number import typed_number
 from capture.station.domain.limits import RANGES, ROWS, GeneralLimits, Limits
 from capture.station.domain.recipe import (
     CalibrationRule,
@@ -256,7 +257,7 @@ def _number(given: Any, present: float | None) -> int | float | str | None:
     text = str(given).strip()
     if text == _field_text(present):
         return present
-    for kind in (int, float):
-        with suppress(ValueError):
-            return kind(text)
+    with suppress(ValueError):
+        number = typed_number(text)
+        return int(text) if text.lstrip("+-").isdecimal() else number
     return text or None

@@ -47,6 +47,14 @@ def test_a_number_is_shown_with_four_digits_and_kept_with_all_if_nobody_changes_
     assert settings["limits_of"]["steel"]["sdq"] == [exact, 12350.5]
 
 
+@pytest.mark.parametrize("text", ["1_000", "１２", "1_0.5"])
+def test_numbers_are_ascii_digits_without_underscores(text: str) -> None:
+    settings = settings_of(RECIPE, {"use.0": "pass", "light.exposure_ms": text, "light.gain": "+7"})
+    assert settings["light"] == {"exposure_ms": text, "gain": 7}
+    with pytest.raises(SettingsRefused, match=r"exposure_ms: must be a .*number"):
+        with_settings(RECIPE, settings)
+
+
 def test_a_number_with_a_comma_is_answered_with_what_to_write() -> None:
     given = {"use.0": "pass", "light.exposure_ms": " 22,5 ", "limits_of.0.sdq.0": "1,x"}
     assert settings_of(RECIPE, given)["light"]["exposure_ms"] == "22,5"
