@@ -77,7 +77,7 @@ def _warning_if_cannot_listen(*, is_needed: bool) -> Iterator[None]:
         yield
     except CannotListen as error:
         if is_needed:
-            raise
+            raise CannotListen(f"{error}; --no-panel runs without one") from error
         complain(f"warning: no panel: {error}")
 
 

@@ -48,7 +48,7 @@ def panel_listener(folder: Path, settings: PanelConfig) -> socket.socket:
         "panel",
         settings.host,
         settings.port,
-        advice="give another port with --port, or --no-panel",
+        advice="give another port with --port",
         # What a vanished browser has not acknowledged can be too little for the server to see.
         max_unacknowledged_ms=round(1000 * SEND_S),
     )

@@ -94,7 +94,7 @@ def serving_live(folder: StationFolder, live: LiveStation) -> Iterator[None]:
             Path(address).chmod(0o600)
             listener.listen(MAX_PANELS)
         except (AttributeError, OSError) as error:  # Windows has no such sockets
-            raise CannotListen(f"{folder.path / NAME}: {error}; give --no-panel") from error
+            raise CannotListen(f"{folder.path / NAME}: {error}") from error
         accepting = threading.Thread(
             target=_accept, args=(listener, live, results), name="live socket"
         )

@@ -47,7 +47,7 @@ def test_a_number_is_shown_with_four_digits_and_kept_with_all_if_nobody_changes_
     assert settings["limits_of"]["steel"]["sdq"] == [exact, 12350.5]
 
 
-@pytest.mark.parametrize("text", ["1_000", "１２", "1_0.5"])
+@pytest.mark.parametrize("text", ["1_000", "\uff11\uff12", "1_0.5"])
 def test_numbers_are_ascii_digits_without_underscores(text: str) -> None:
     settings = settings_of(RECIPE, {"use.0": "pass", "light.exposure_ms": text, "light.gain": "+7"})
     assert settings["light"] == {"exposure_ms": text, "gain": 7}

@@ -10,6 +10,7 @@ from capture.commands.station_interfaces import panel_settings, running_interfac
 from capture.station.domain.errors import CannotListen
 from capture.station.domain.folder import StationFolder, make_station
 from capture.station.domain.interface_config import PanelConfig
+from capture.station.panel.server import panel_listener
 from capture.station.run.live_socket import NAME
 from capture.station.run.live_station import LiveStation
 from classify.base.errors import ConfigError
@@ -28,10 +29,12 @@ def test_a_taken_port_stops_only_a_run_that_asked_for_the_panel(
             said = capsys.readouterr().err
         assert f"warning: no panel: [panel] 127.0.0.1:{port}" in said
         with (
-            pytest.raises(CannotListen, match="give another port with --port, or --no-panel"),
+            pytest.raises(CannotListen, match="give another port with --port; --no-panel runs"),
             running_interfaces(folder, live, "timer", (), panel=True, host=None, port=None),
         ):
             pass
+        with pytest.raises(CannotListen, match="give another port with --port$"):
+            panel_listener(folder.path, settings)
 
 
 def test_a_run_whose_panel_may_take_any_port_asked_for_the_panel(tmp_path: Path) -> None:
