@@ -33,7 +33,7 @@ def test_a_taken_port_stops_only_a_run_that_asked_for_the_panel(
             running_interfaces(folder, live, "timer", (), panel=True, host=None, port=None),
         ):
             pass
-        with pytest.raises(CannotListen, match="give another port with --port$"):
+        with pytest.raises(CannotListen, match=r"give another port with --port$"):
             panel_listener(folder.path, settings)
 
 
