@@ -189,6 +189,8 @@ def _causes(
             yield from _light_moved(cause, parameters, model)
         elif cause.kind == "camera moved":
             yield from _camera_moved(parameters)
+        elif cause.kind == "leds rotated":
+            yield _leds_rotated(cause, parameters)
         elif cause.kind == "lens":
             yield from _lens(parameters)
     if brightness is not None:
@@ -254,6 +256,17 @@ def _camera_moved(parameters: Floats) -> Iterator[_DriftCause]:
         )
         advice = "put it back and fasten it, then calibrate the plate again with --replace"
         yield _DriftCause("camera moved", None, status, finding, advice)
+
+
+def _leds_rotated(cause: PossibleCause, parameters: Floats) -> _DriftCause:
+    # Clockwise relative to the camera, which is the cause in the model.
+    degrees = (90.0 * cause.quarter_turns + math.degrees(parameters[2]) + 180.0) % 360.0 - 180.0
+    finding = (
+        f"the LEDs are rotated by {abs(degrees):.0f} degrees {'anti' * (degrees < 0.0)}clockwise "
+        "relative to the camera, or their plugs are exchanged"
+    )
+    advice = "put the LEDs back as they were, or calibrate the plate again with --replace"
+    return _DriftCause("leds rotated", None, "fault", finding, advice)
 
 
 def _lens(parameters: Floats) -> Iterator[_DriftCause]:

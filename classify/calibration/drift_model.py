@@ -10,6 +10,7 @@ make the change more probable (Laplace's approximation: MacKay 2003, Information
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal
 
 import numpy as np
@@ -21,7 +22,9 @@ from classify.images import SIGMA_PER_MAD
 
 from .led_positions import Aim
 
-Kind = Literal["led level", "light moved", "camera moved", "lens", "exposure", "sheet tilted"]
+Kind = Literal[
+    "led level", "light moved", "camera moved", "leds rotated", "lens", "exposure", "sheet tilted"
+]
 
 # Standard deviations of logarithms in a block: of the ratio of lights (noise and misfit of the flat
 # field), and of the common part of all lights (also grain and dust of the sheet).
@@ -52,6 +55,7 @@ class PossibleCause:
     light: int | None  # index; None for a change that all lights share
     spreads: tuple[float, ...]  # standard deviations of the parameters of the cause
     change: Callable[[Floats], Floats]  # the change (N, B) for these parameters
+    quarter_turns: int = 0  # of "leds rotated"; the parameters are the departure from it
 
 
 @dataclass(frozen=True, eq=False)
@@ -219,7 +223,12 @@ class DriftModel:
         for light in range(len(self.positions)):
             yield PossibleCause("led level", light, (0.3,), self._level_change(light))
             yield PossibleCause("light moved", light, (0.2, 0.2, 0.2), self._light_change(light))
-        yield PossibleCause("camera moved", None, (0.3, 0.3, 0.2), self._camera_change)
+        movement = (0.3, 0.3, 0.2)
+        yield PossibleCause("camera moved", None, movement, self._camera_change)
+        # Steps from a camera in its place do not reach these angles.
+        for quarters in (1, 2, 3):
+            change = partial(self._camera_change, quarter_turns=quarters)
+            yield PossibleCause("leds rotated", None, movement, change, quarters)
         yield PossibleCause("lens", None, (0.2, 0.1, 0.05), self._lens_change)
         yield PossibleCause("exposure", None, (0.7,), self._exposure_change)
         yield PossibleCause("sheet tilted", None, (0.15, 0.15), self._tilt_change)
@@ -247,9 +256,10 @@ class DriftModel:
 
         return change
 
-    def _camera_change(self, parameters: Floats) -> Floats:
+    def _camera_change(self, parameters: Floats, quarter_turns: int = 0) -> Floats:
         """Parameters: shift along x and y, angle in radians anticlockwise, of the camera."""
-        cosine, sine = np.cos(parameters[2]), np.sin(parameters[2])
+        angle = parameters[2] + 0.5 * np.pi * quarter_turns
+        cosine, sine = np.cos(angle), np.sin(angle)
         x = cosine * self._x - sine * self._y + parameters[0]
         y = sine * self._x + cosine * self._y + parameters[1]
         return self._all_strengths(x, y) - self._strengths

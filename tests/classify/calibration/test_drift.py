@@ -150,6 +150,17 @@ def test_camera_lens_exposure_and_sheet_are_told_apart(
     assert drift.causes[0].advice
 
 
+@pytest.mark.parametrize("quarters", [1, 2, 3])
+def test_leds_that_are_rotated_are_named(
+    calibration: tuple[Calibration, float], quarters: int
+) -> None:
+    rig = with_camera_moved(replace(RIG, seed=23), 0.0, 0.0, 90.0 * quarters)
+    (cause,) = drift_of(rig, calibration).causes
+    assert (cause.kind, cause.status) == ("leds rotated", "fault")
+    degrees = float(cause.finding.split("rotated by ")[1].split()[0])
+    assert degrees == pytest.approx(180.0 - abs(180.0 - 90.0 * quarters), abs=1.0)
+
+
 def test_two_changes_at_once_are_both_named(calibration: tuple[Calibration, float]) -> None:
     rig = with_light_moved(with_level(replace(RIG, seed=24), 0, -0.2), 3, 0.0, 6.0)
     assert kinds(drift_of(rig, calibration)) == {("led level", 0), ("light moved", 3)}
