@@ -2,6 +2,7 @@
 
 import difflib
 import json
+import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Self, TypeVar
@@ -54,13 +55,20 @@ class Section(Record):
 _MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB, a plan of 10 000 specimens 700 kB
 
 _MAX_TABLES = 20  # within each other; files of ps4rig have four
+# A name of more tables: tomllib takes a time that is quadratic in their number.
+_PART = r"(?<![^\s.,=#\[\]{}])[^\s.,=#\[\]{}]+"
+_DEEP_NAME = re.compile(rf"(?:{_PART}[ \t]*\.[ \t]*){{{_MAX_TABLES}}}")
+_TOO_DEEP = f"more than {_MAX_TABLES} tables within each other"
 _Model = TypeVar("_Model", bound=BaseModel)
 
 
 def read_toml(path: Path, if_missing: str) -> dict[str, Any]:
     """Read the values of a TOML file; `if_missing` ends the message about a missing one."""
     try:
-        values = tomllib.loads(read_regular_file(path, _MAX_TOML_BYTES).decode())
+        text = read_regular_file(path, _MAX_TOML_BYTES).decode()
+        if _DEEP_NAME.search(text):
+            raise ValueError(_TOO_DEEP)
+        values = tomllib.loads(text)
         _require_shallow(values)
         return values
     except InputError as error:
@@ -79,7 +87,7 @@ def _require_shallow(values: dict[str, Any]) -> None:
         level = [value for row in inner for value in row if isinstance(value, dict | list)]
         if not level:
             return
-    raise ValueError(f"more than {_MAX_TABLES} tables within each other")
+    raise ValueError(_TOO_DEEP)
 
 
 def validated(values: dict[str, Any], model: type[_Model], source: str) -> _Model:
