@@ -61,7 +61,7 @@ def gauge(
     """
     from capture.station.domain.folder import StationFolder, first_recipe
     from capture.station.judge.fault_study import keep_study, study_faults
-    from capture.station.judge.gauge import GaugeReport, GaugeStudy
+    from capture.station.judge.gauge import GaugeReport
     from capture.station.judge.inspector import Inspector
     from classify.base.durable_file import make_folder
 
@@ -71,14 +71,13 @@ def gauge(
         presentations, source = _recorded_presentations(station, files.name, known)
     else:
         presentations, source = _simulated_presentations(station, files, parts, times, seed)
-    study = GaugeStudy(tuple(presentations))
     faults: list[str] = []
     if files.file.exists():  # results may be of a recipe that was removed
         inspector = Inspector.load(files)
         findings = list(study_faults(files, inspector, _FAULTY_PARTS))
         faults = keep_study(files, inspector, findings).lines()
     report = GaugeReport.of(
-        study,
+        presentations,
         files.name,
         source.recipe_sha256,
         simulated=source.simulated,
@@ -89,9 +88,9 @@ def gauge(
     if json:
         print_json(report.model_dump(mode="json"))
     else:
-        for line in (*report.lines, *study.wrong_verdicts()):
+        for line in (*report.lines, *report.wrong):
             out.print(line)
-    if study.rating != "acceptable":
+    if report.rating != "acceptable":
         raise typer.Exit(1)
 
 

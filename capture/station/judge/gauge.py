@@ -2,9 +2,10 @@
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
+from itertools import islice
 from pathlib import Path
 from typing import Literal, Self
 
@@ -72,96 +73,6 @@ class Share(Record):
         return f"{self.events} of {self.trials}, {self.share:.1%}; {side} {self.bound:.1%}"
 
 
-@dataclass(frozen=True)
-class GaugeStudy:
-    """The outcome of a study."""
-
-    presentations: tuple[Presentation, ...]
-
-    @property
-    def effectiveness(self) -> Share:
-        """Share of the parts with the right verdict every time."""
-        wrong_count, parts = len(self._wrong_parts()), len(self._parts())
-        right = parts - wrong_count
-        return Share.of(right, parts, share_at_least(right, parts), bound_is_upper=False)
-
-    @property
-    def misses(self) -> Share:
-        """Share of the presentations of bad parts that passed."""
-        return self._wrong_of(is_good=False)
-
-    @property
-    def false_alarms(self) -> Share:
-        """Share of the presentations of good parts that did not pass."""
-        return self._wrong_of(is_good=True)
-
-    @property
-    def rating(self) -> _Rating:
-        """The rating by AIAG; unacceptable without good parts or without bad parts."""
-        shares = (self.effectiveness.share, self.misses.share, self.false_alarms.share)
-        if any(share is None for share in shares):
-            return "unacceptable"
-        effectiveness, misses, false_alarms = (share or 0.0 for share in shares)
-        for rating, (min_effectiveness, max_misses, max_alarms) in _RATINGS:
-            is_effective = effectiveness >= min_effectiveness
-            if is_effective and misses <= max_misses and false_alarms <= max_alarms:
-                return rating
-        return "unacceptable"
-
-    def lines(self) -> list[str]:
-        """Return the report, one finding per line."""
-        parts = self._parts()
-        bad = sum(not is_good for is_good in parts.values())
-        min_effectiveness, max_misses, max_false_alarms = ACCEPTABLE
-        lines = [
-            f"{len(parts)} known parts, {bad} of them bad, {len(self.presentations)} presentations",
-            f"effectiveness: {self.effectiveness}; acceptable is {min_effectiveness:.0%} or more",
-            f"misses: {self.misses}; acceptable is {max_misses:.0%} or less",
-            f"false alarms: {self.false_alarms}; acceptable is {max_false_alarms:.0%} or less",
-            f"this gauge is {self.rating}; bounds count parts, with {CONFIDENCE:.0%} confidence",
-        ]
-        needed = trials_to_show(max_misses)
-        if self.misses.events == 0 and bad < needed:
-            lines.append(
-                f"{bad} bad parts without a miss do not show {max_misses:.0%}: that takes {needed}"
-            )
-        return lines
-
-    def wrong_verdicts(self) -> list[str]:
-        """Return a line for each part with a wrong verdict: how often, and the first reason."""
-        lines = []
-        for part, is_good in self._wrong_parts().items():
-            of_part = [
-                presentation for presentation in self.presentations if presentation.part == part
-            ]
-            wrong_presentations = [
-                presentation for presentation in of_part if not presentation.is_right
-            ]
-            kind, first = "good" if is_good else "bad", wrong_presentations[0]
-            counts = f"{len(wrong_presentations)} of {len(of_part)} times wrong"
-            lines.append(f"{part}, {kind}, {counts}: {first.decision}, {first.reason}")
-        return lines
-
-    def _parts(self) -> dict[str, bool]:
-        return {presentation.part: presentation.is_good for presentation in self.presentations}
-
-    def _wrong_parts(self) -> dict[str, bool]:
-        return {
-            presentation.part: presentation.is_good
-            for presentation in self.presentations
-            if not presentation.is_right
-        }
-
-    def _wrong_of(self, *, is_good: bool) -> Share:
-        presented = [
-            presentation for presentation in self.presentations if presentation.is_good == is_good
-        ]
-        parts = sum(truth == is_good for truth in self._parts().values())
-        wrong_count = sum(truth == is_good for truth in self._wrong_parts().values())
-        events = sum(not presentation.is_right for presentation in presented)
-        return Share.of(events, len(presented), share_at_most(wrong_count, parts))
-
-
 def read_known_parts(path: Path) -> dict[str, bool]:
     """Read a CSV file of known parts: a line ``ID,good`` or ``ID,bad`` for each."""
     try:
@@ -208,23 +119,23 @@ class GaugeReport(Record):
 
     format: Literal["ps4rig-gauge"] = "ps4rig-gauge"
     version: Literal[1] = 1
-    utc: str  # end of the study
+    utc: str = Field(default_factory=utc_text)  # end of the study
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
     recipe: str
     recipe_sha256: Sha256 | None  # None for results of an earlier run
     simulated: bool
     presentations: int
-    effectiveness: Share  # `effectiveness` to `rating`: as in `GaugeStudy`
-    misses: Share
-    false_alarms: Share
-    rating: _Rating
-    lines: tuple[str, ...]  # of `GaugeStudy`, then of `FaultStudy`
-    wrong: tuple[str, ...]  # `GaugeStudy.wrong_verdicts`, of the first parts
+    effectiveness: Share  # of the parts: the right verdict every time
+    misses: Share  # of the presentations of bad parts: passed
+    false_alarms: Share  # of the presentations of good parts: did not pass
+    rating: _Rating  # by AIAG; unacceptable without good parts or without bad parts
+    lines: tuple[str, ...]  # one finding per line; the last ones of a `FaultStudy`
+    wrong: tuple[str, ...]  # first parts with a wrong verdict: how often, and the first reason
 
     @classmethod
     def of(
         cls,
-        study: GaugeStudy,
+        presentations: Sequence[Presentation],
         recipe: str,
         recipe_sha256: str | None,
         *,
@@ -232,19 +143,71 @@ class GaugeReport(Record):
         faults: Sequence[str] = (),
     ) -> Self:
         """Return the report of a study that has just ended; `faults` are lines of a FaultStudy."""
+        by_part: dict[str, list[Presentation]] = {}
+        for presentation in presentations:
+            by_part.setdefault(presentation.part, []).append(presentation)
+        right = sum(all(shown.is_right for shown in of_part) for of_part in by_part.values())
+        parts = len(by_part)
+        effectiveness = Share.of(right, parts, share_at_least(right, parts), bound_is_upper=False)
+        misses, false_alarms = (
+            _wrong_share([of_part for of_part in by_part.values() if of_part[0].is_good == is_good])
+            for is_good in (False, True)
+        )
+        rating = _rating(effectiveness.share, misses.share, false_alarms.share)
+        bad = sum(not of_part[0].is_good for of_part in by_part.values())
+        min_effectiveness, max_misses, max_false_alarms = ACCEPTABLE
+        lines = [
+            f"{parts} known parts, {bad} of them bad, {len(presentations)} presentations",
+            f"effectiveness: {effectiveness}; acceptable is {min_effectiveness:.0%} or more",
+            f"misses: {misses}; acceptable is {max_misses:.0%} or less",
+            f"false alarms: {false_alarms}; acceptable is {max_false_alarms:.0%} or less",
+            f"this gauge is {rating}; bounds count parts, with {CONFIDENCE:.0%} confidence",
+        ]
+        needed = trials_to_show(max_misses)
+        if misses.events == 0 and bad < needed:
+            lines.append(
+                f"{bad} bad parts without a miss do not show {max_misses:.0%}: that takes {needed}"
+            )
         return cls(
-            utc=utc_text(timespec="seconds"),
             recipe=recipe,
             recipe_sha256=recipe_sha256,
             simulated=simulated,
-            presentations=len(study.presentations),
-            effectiveness=study.effectiveness,
-            misses=study.misses,
-            false_alarms=study.false_alarms,
-            rating=study.rating,
-            lines=(*study.lines(), *faults),
-            wrong=tuple(study.wrong_verdicts()[:_MAX_WRONG_ROWS]),
+            presentations=len(presentations),
+            effectiveness=effectiveness,
+            misses=misses,
+            false_alarms=false_alarms,
+            rating=rating,
+            lines=(*lines, *faults),
+            wrong=tuple(islice(_wrong_lines(by_part.values()), _MAX_WRONG_ROWS)),
         )
+
+
+def _wrong_share(parts: Sequence[Sequence[Presentation]]) -> Share:
+    """Share of the presentations with a wrong verdict; its bound counts parts."""
+    wrong = [sum(not shown.is_right for shown in of_part) for of_part in parts]
+    bound = share_at_most(sum(count > 0 for count in wrong), len(parts))
+    return Share.of(sum(wrong), sum(map(len, parts)), bound)
+
+
+def _rating(
+    effectiveness: float | None, misses: float | None, false_alarms: float | None
+) -> _Rating:
+    if effectiveness is None or misses is None or false_alarms is None:
+        return "unacceptable"
+    for rating, (min_effectiveness, max_misses, max_alarms) in _RATINGS:
+        is_effective = effectiveness >= min_effectiveness
+        if is_effective and misses <= max_misses and false_alarms <= max_alarms:
+            return rating
+    return "unacceptable"
+
+
+def _wrong_lines(parts: Iterable[Sequence[Presentation]]) -> Iterator[str]:
+    for of_part in parts:
+        wrong = [shown for shown in of_part if not shown.is_right]
+        if wrong:
+            kind, first = "good" if wrong[0].is_good else "bad", wrong[0]
+            counts = f"{len(wrong)} of {len(of_part)} times wrong"
+            yield f"{first.part}, {kind}, {counts}: {first.decision}, {first.reason}"
 
 
 def read_gauge_report(path: Path) -> GaugeReport | None:

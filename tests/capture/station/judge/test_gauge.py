@@ -10,7 +10,7 @@ import pytest
 from capture.station.domain.config import SimulatedParts
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.judge.gauge import (
-    GaugeStudy,
+    GaugeReport,
     Presentation,
     presentations_of,
     read_known_parts,
@@ -21,7 +21,7 @@ from classify.base.errors import InputError
 PASS, FAIL, UNKNOWN = Decision.PASS, Decision.FAIL, Decision.UNKNOWN
 
 
-def study(good: int, bad: int, *, alarms: int = 0, misses: int = 0) -> GaugeStudy:
+def study(good: int, bad: int, *, alarms: int = 0, misses: int = 0) -> GaugeReport:
     """Three presentations of each part, the first of which are wrong."""
     shown, times = [], 3
     for kind, count, right, other, wrong in (
@@ -31,7 +31,7 @@ def study(good: int, bad: int, *, alarms: int = 0, misses: int = 0) -> GaugeStud
         for number in range(count * times):
             decision = other if number < wrong else right
             shown.append(Presentation(f"{kind} {number // times}", kind == "good", decision, "why"))
-    return GaugeStudy(tuple(shown))
+    return GaugeReport.of(shown, "example", None, simulated=True)
 
 
 def test_a_faultless_study_states_what_it_does_not_show() -> None:
@@ -41,7 +41,7 @@ def test_a_faultless_study_states_what_it_does_not_show() -> None:
     # 1 - 0.05 ** (1 / 25): parts count, not presentations.
     assert found.misses.bound == pytest.approx(0.1129, abs=1e-4)
     assert found.effectiveness.bound == pytest.approx(0.05 ** (1 / 50), abs=1e-4)
-    assert "25 bad parts without a miss do not show 2%: that takes 149" in found.lines()[-1]
+    assert "25 bad parts without a miss do not show 2%: that takes 149" in found.lines[-1]
     assert study(25, 149).misses.bound <= 0.02
 
 
@@ -64,14 +64,14 @@ def test_a_part_that_is_wrong_once_is_not_effective() -> None:
     found = study(10, 10, misses=1)
     assert (found.effectiveness.events, found.effectiveness.trials) == (19, 20)
     assert (found.misses.events, found.misses.trials) == (1, 30)
-    assert found.wrong_verdicts() == ["bad 0, bad, 1 of 3 times wrong: PASS, why"]
+    assert found.wrong == ("bad 0, bad, 1 of 3 times wrong: PASS, why",)
 
 
 def test_without_bad_parts_nothing_is_acceptable() -> None:
     found = study(10, 0)
     assert found.rating == "unacceptable"
     assert found.misses.bound == 1.0
-    assert any("misses: no trials" in line for line in found.lines())
+    assert any("misses: no trials" in line for line in found.lines)
 
 
 def test_known_parts_are_found_among_the_results() -> None:

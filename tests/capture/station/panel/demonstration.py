@@ -7,7 +7,7 @@ from pathlib import Path
 from capture.station.domain.config import CONFIG
 from capture.station.domain.users import Role
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.judge.gauge import GaugeReport, GaugeStudy, Presentation
+from capture.station.judge.gauge import GaugeReport, Presentation
 from rig import RigConfig
 from tests.capture.station.panel.panels import PASSWORD, ServedPanel, real_panel
 from tests.capture.station.production import taught_station
@@ -76,7 +76,5 @@ def _study(served: ServedPanel) -> None:
         for decision in [Decision.FAIL if part % 2 or part == 6 else Decision.PASS] * 3
     ]
     folder = served.panel.folder
-    report = GaugeReport.of(
-        GaugeStudy(tuple(shown)), folder.config.recipe, None, simulated=True
-    )  # fmt: skip
+    report = GaugeReport.of(shown, folder.config.recipe, None, simulated=True)
     report.write(folder.recipe_files().gauge)

@@ -22,7 +22,7 @@ from matplotlib.figure import Figure
 
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Decision
-from capture.station.judge.gauge import GaugeReport, GaugeStudy, Presentation
+from capture.station.judge.gauge import GaugeReport, Presentation
 from capture.station.panel import charts
 from capture.station.panel.panel import MAX_RECKONING
 from capture.station.panel.statistics import gauge_of
@@ -253,7 +253,7 @@ def test_a_selection_without_parts_says_so(filled: RunningPanel) -> None:
 
 def test_the_last_gauge_study_is_shown_with_parts_of_its_rig(filled: RunningPanel) -> None:
     shown = [Presentation(f"K{n}", n % 2 == 0, Decision.PASS, "fine") for n in range(4)]
-    report = GaugeReport.of(GaugeStudy(tuple(shown)), "example", None, simulated=True)
+    report = GaugeReport.of(shown, "example", None, simulated=True)
     files = filled.bench.folder.recipe_files()
     files.folder.mkdir(exist_ok=True)
     report.write(files.gauge)
