@@ -137,12 +137,6 @@ def _up_to_a_good_part(outcomes: Iterator[PartOutcome]) -> list[PartOutcome]:
     return judged
 
 
-def has_met_challenge(files: RecipeFolder, inspector: Inspector) -> bool:
-    """Whether a valid replay is recorded in which every part got its expected verdict."""
-    replay = valid_replay(files, inspector.fingerprint)
-    return replay is not None and not replay.regressions
-
-
 def _verdict_on(path: Path, inspector: Inspector) -> tuple[Verdict, str | None]:
     """Judge a set as if it was captured now; return also the hash of its pixels."""
     pixels_sha256 = None

@@ -6,15 +6,14 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from capture.base.utc_time import local_time
 from capture.calibration.setting import Setting
 from capture.station.domain.config import StationConfig
 from capture.station.domain.folder import StationFolder, first_recipe
 from capture.station.domain.own_folder import SECRETS, too_open
 from capture.station.domain.recipe_file import RecipeFolder
 from capture.station.judge.approval import approved_states
-from capture.station.judge.challenge import has_met_challenge
 from capture.station.judge.inspector import Inspector
+from capture.station.judge.recipe_state import state_of
 from capture.station.results.chain import broken_links
 from capture.station.results.store import open_store
 from classify.base.errors import InputError
@@ -49,8 +48,11 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
 
     def check_recipe() -> Iterator[Check]:
         files = station.recipe_files(first_recipe(station))
-        inspectors.append(Inspector.load(files, station.rig_config().calibration))
-        yield from _check_recipe(files, inspectors[0])
+        calibration = station.rig_config().calibration
+        inspectors.append(Inspector.load(files, calibration))
+        yield from _check_recipe(files, calibration)
+        inspector = inspectors[0]
+        yield from check_calibration_age(inspector.calibration, inspector.recipe.calibration)
 
     yield from run_checks("recipe", check_recipe)
     yield from run_checks("results", lambda: _check_results(station))
@@ -85,33 +87,28 @@ def _check_permissions(folder: Path) -> Iterator[Check]:
     )
 
 
-def _check_recipe(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:
-    recipe = inspector.recipe
+def _check_recipe(files: RecipeFolder, calibration: str | None) -> Iterator[Check]:
+    state = state_of(files, calibration)
+    recipe = state.recipe
     text = f"{recipe.name}, version {recipe.version}: passes {', '.join(recipe.passes)}"
     yield Check("recipe", "ok", f"{text}; fails {', '.join(recipe.fails) or 'no known texture'}")
-    if recipe.is_approved and recipe.approval is not None:
-        yield Check("approval", "ok", f"by {recipe.approval.by}, {local_time(recipe.approval.utc)}")
+    if recipe.is_approved:
+        yield Check("approval", "ok", state.approval)
     else:
-        state = "is not approved" if recipe.approval is None else "was changed after its approval"
         # Until then an approved state of the recipe judges; without one the station does not run.
         status: Status = "warning" if approved_states(files) else "fault"
-        yield Check("approval", status, f"the recipe {state}", "run ps4rig station approve")
-    yield from run_checks("challenge", lambda: _check_challenge(files, inspector))
-    yield from check_calibration_age(inspector.calibration, recipe.calibration)
+        yield Check("approval", status, state.approval, "run ps4rig station approve")
+    if state.has_met_challenge:
+        yield Check("challenge", "ok", state.challenge)
+    else:
+        advice = "run ps4rig station challenge; station run does so by itself"
+        yield Check("challenge", "warning", state.challenge, advice)
 
 
 def _check_taught(inspector: Inspector, rig: Rig) -> Iterator[Check]:
     """Check that the open rig is the one that the recipe was taught on."""
     faults = list(check_setting(inspector.faults_of(Setting.of_rig(rig))))
     yield from faults or [Check("taught rig", "ok", "camera, frame and lights are the taught ones")]
-
-
-def _check_challenge(files: RecipeFolder, inspector: Inspector) -> Iterator[Check]:
-    if has_met_challenge(files, inspector):
-        yield Check("challenge", "ok", "every part got the verdict that it must get")
-        return
-    advice = "run ps4rig station challenge; station run does so by itself"
-    yield Check("challenge", "warning", "not replayed since something changed, or not met", advice)
 
 
 def _check_results(station: StationFolder) -> Iterator[Check]:

@@ -15,12 +15,12 @@ from capture.station.domain.verdict import Decision
 from capture.station.judge import fingerprint
 from capture.station.judge.challenge import (
     PartOutcome,
-    has_met_challenge,
     replay_challenge,
     require_challenge,
 )
 from capture.station.judge.challenge_set import FILE, add_to_challenge, challenge_sets
 from capture.station.judge.inspector import Inspection, Inspector
+from capture.station.judge.recipe_state import state_of
 from classify.base.errors import InputError
 from tests.capture.station.teaching_sets import saved
 
@@ -88,7 +88,7 @@ def test_a_bad_part_that_passes_now_blocks_although_a_replay_is_on_record(
     monkeypatch.setattr(Inspector, "inspect", passing)
     with pytest.raises(ChallengeFailed, match=r"malv-0.ome.tif must be UNKNOWN and is PASS"):
         require_challenge(files, Inspector.load(files))
-    assert not has_met_challenge(files, Inspector.load(files))
+    assert not state_of(files, None).has_met_challenge
 
 
 @pytest.mark.parametrize(
@@ -125,7 +125,7 @@ def test_changed_code_of_the_same_version_needs_another_replay(
         "capture.station.judge.fingerprint.software_sha256", lambda: "of other code"
     )
     inspector = Inspector.load(files)
-    assert not has_met_challenge(files, inspector)
+    assert not state_of(files, None).has_met_challenge
     require_challenge(files, inspector)
     assert judged == ["rock", "sand"] * 2
     assert before.fingerprint.software_version == inspector.fingerprint.software_version
@@ -140,7 +140,7 @@ def test_a_replay_of_a_program_that_hashed_less_is_outdated(
     for hashed in (values["fingerprint"], *values["parts"]):
         hashed.pop(lacking, None)
     files.replay.write_text(json.dumps(values))
-    assert not has_met_challenge(files, Inspector.load(files))
+    assert not state_of(files, None).has_met_challenge
     again = require_challenge(files, Inspector.load(files))
     assert (again.fingerprint, again.parts) == (replay.fingerprint, replay.parts)
 
@@ -154,7 +154,7 @@ def test_a_set_that_was_replaced_under_its_name_needs_another_replay(
     path.write_bytes(other.read_bytes())
     # The times of the file prove nothing.
     os.utime(path, ns=(before.st_atime_ns, before.st_mtime_ns))
-    assert not has_met_challenge(files, Inspector.load(files))
+    assert not state_of(files, None).has_met_challenge
     with pytest.raises(ChallengeFailed, match=r"sand-2.ome.tif must be FAIL and is UNKNOWN"):
         require_challenge(files, Inspector.load(files))
 
@@ -163,7 +163,7 @@ def test_a_set_that_was_removed_needs_another_replay_and_blocks(files: RecipeFol
     require_challenge(files, Inspector.load(files))
     kept = files.challenge / "sand-2.ome.tif"
     moved = kept.rename(files.challenge / "sand-3.ome.tif")
-    assert not has_met_challenge(files, Inspector.load(files))
+    assert not state_of(files, None).has_met_challenge
     with pytest.raises(ChallengeFailed, match=r"sand-2.ome.tif must be FAIL and is ERROR"):
         require_challenge(files, Inspector.load(files))
     moved.rename(kept)
