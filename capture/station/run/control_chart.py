@@ -72,31 +72,6 @@ def _rules_broken_by(offsets: Sequence[float]) -> Iterator[str]:
                 yield f"{min_beyond} of {points} points {distance} the baseline"
 
 
-class _RuleSeries:
-    """Points of one chart; the first `BASELINE_POINTS` of them give its baseline.
-
-    A point that differs from the baseline by less than `min_change` breaks no rule.
-    """
-
-    def __init__(self, min_change: float = 0.0) -> None:
-        self._min_change = min_change
-        self._first: list[float] = []
-        self.baseline: Baseline | None = None
-        self._recent: deque[float] = deque(maxlen=_MAX_RULE_POINTS)
-
-    def add(self, point: float) -> tuple[str, ...]:
-        """Add a point; return which rules it breaks, in words."""
-        if self.baseline is not None:
-            self._recent.append(point)
-            if abs(point - self.baseline.mean) < self._min_change:
-                return ()
-            return broken_rules(list(self._recent), self.baseline)
-        self._first.append(point)
-        if len(self._first) == BASELINE_POINTS:
-            self.baseline = baseline_of(self._first)
-        return ()
-
-
 class _NewWarnings:
     """Finds new warnings: those that did not hold at the last `_MAX_RULE_POINTS` points."""
 
@@ -113,15 +88,39 @@ class _NewWarnings:
         return new
 
 
-class _LiveChart:
-    """One chart of a running station."""
+class _RuleSeries:
+    """Points of one chart; the first `BASELINE_POINTS` of them give its baseline.
+
+    A point that differs from the baseline by less than `min_change` breaks no rule.
+    """
 
     def __init__(self, min_change: float = 0.0) -> None:
-        self._series, self._warnings = _RuleSeries(min_change), _NewWarnings()
+        self._min_change = min_change
+        self._first: list[float] = []
+        self.baseline: Baseline | None = None
+        self._recent: deque[float] = deque(maxlen=_MAX_RULE_POINTS)
+        self._warnings = _NewWarnings()
 
-    def add(self, point: float, other_warnings: Iterable[str] = ()) -> tuple[str, ...]:
-        """Add a point, at which `other_warnings` hold as well; return the new warnings."""
-        return self._warnings.new_among([*other_warnings, *self._series.add(point)])
+    def add(
+        self, point: float, other_warnings: Iterable[str] = ()
+    ) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Add a point; return the rules that it breaks, in words, and the new warnings.
+
+        Warnings are `other_warnings`, which hold at the point, and the rules.
+        """
+        rules = self._rules_broken_by(point)
+        return rules, self._warnings.new_among([*other_warnings, *rules])
+
+    def _rules_broken_by(self, point: float) -> tuple[str, ...]:
+        if self.baseline is not None:
+            self._recent.append(point)
+            if abs(point - self.baseline.mean) < self._min_change:
+                return ()
+            return broken_rules(list(self._recent), self.baseline)
+        self._first.append(point)
+        if len(self._first) == BASELINE_POINTS:
+            self.baseline = baseline_of(self._first)
+        return ()
 
 
 class ControlChart:
@@ -136,8 +135,8 @@ class ControlChart:
         self._begin()
 
     def _begin(self) -> None:
-        self._levels = {name: _LiveChart(_MIN_LED_CHANGE) for name in self._led_names}
-        self._distance = _LiveChart()
+        self._levels = {name: _RuleSeries(_MIN_LED_CHANGE) for name in self._led_names}
+        self._distance = _RuleSeries()
         self._notes = _NewWarnings()
         self._group: list[PartResult] = []
 
@@ -168,10 +167,10 @@ class ControlChart:
         levels = _relative_levels([result.led_levels for result in group])
         for level, (name, series) in zip(levels, self._levels.items(), strict=True):
             low = [_LOW] if level < _WARN_LED_LEVEL else []
-            for text in series.add(level, low):
+            for text in series.add(level, low)[1]:
                 yield f"{name} at {level:.1%} of its taught level: {text}"
         log_distance = _mean_log_distance(part.distance or 1.0 for part in group)
-        for text in self._distance.add(log_distance):
+        for text in self._distance.add(log_distance)[1]:
             distance = math.exp(log_distance)
             yield f"distance {distance:.2f}: {text}; look at focus, light and material"
 
@@ -247,13 +246,13 @@ def _history(
     min_change: float = 0.0,
 ) -> ChartHistory:
     """Apply the rules to points of groups; `value_of` converts a point to chart units."""
-    series, warnings, chart_points = _RuleSeries(min_change), _NewWarnings(), []
+    series, chart_points = _RuleSeries(min_change), []
     for (*_, last), point in zip(groups, points, strict=True):
-        rules = series.add(point)
+        rules, new_rules = series.add(point)
         chart_points.append(
             _ChartPoint(
                 last.number, last.part_id, last.triggered_utc, value_of(point),
-                broken_rules=rules, new_rules=warnings.new_among(rules),
+                broken_rules=rules, new_rules=new_rules,
             )
         )  # fmt: skip
     if series.baseline is None:
