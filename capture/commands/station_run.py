@@ -81,7 +81,7 @@ def run(
     from capture.station.run.control_chart import ControlChart
     from capture.station.run.events import text_lines
     from capture.station.run.live_station import LiveStation
-    from capture.station.run.run import RunOptions, run_station
+    from capture.station.run.run import run_station
     from capture.station.service.systemd import Notifier
     from rig.config.lights import led_names
     from rig.config.rig import config_of
@@ -107,8 +107,10 @@ def run(
         ):
             configure_station_process()
             source = trigger_source(trigger, config.timer_s)
-            run_options = RunOptions(operator, parts, notifier.report_alive, collect)
-            stopped = run_station(opened, rig_config, source, live, run_options)
+            stopped = run_station(
+                opened, rig_config, source, live, operator=operator, parts=parts,
+                report_alive=notifier.report_alive, is_collecting=collect,
+            )  # fmt: skip
     if stopped.parts.get(Decision.ERROR) if collect else stopped.rejected:
         raise typer.Exit(1)
 

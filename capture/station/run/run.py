@@ -1,7 +1,6 @@
 """`run_station`: a station with its recipe, rig and results, from the start to the end."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from capture.station.domain.folder import StationFolder
 from capture.station.judge.inspector import COLLECTING_REASON
@@ -22,26 +21,24 @@ from .station_rig import StationRig
 from .triggers import PartSensor, SensorTrigger, TriggerSource
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """Options of a run that its command line sets."""
-
-    operator: str | None = None  # None for that of the configuration
-    parts: int | None = None  # number after which the run ends; None for no end
-    report_alive: ReportAlive = lambda _: None
-    is_collecting: bool = False  # capture parts for teaching, and judge none
-
-
 def run_station(
     folder: StationFolder,
     rig_config: RigConfig,
     source: TriggerSource,
     live: LiveStation,
-    options: RunOptions = RunOptions(),
+    *,
+    operator: str | None = None,
+    parts: int | None = None,
+    report_alive: ReportAlive = lambda _: None,
+    is_collecting: bool = False,
 ) -> StationStopped:
-    """Run a station until its triggers end; Ctrl-C is raised after the parts in progress."""
+    """Run a station until its triggers end; Ctrl-C is raised after the parts in progress.
+
+    It ends after `parts` parts, if they are given. A run that `is_collecting` captures parts for
+    teaching, and judges none.
+    """
     config, clock = folder.config, StationClock()
-    operator = options.operator or config.operator
+    operator = operator or config.operator
 
     def warn(text: str) -> None:
         live.publish(Warned(text))
@@ -50,7 +47,7 @@ def run_station(
     with open_store(results, config.name, create=not folder.has_sets()) as store:
         require_own_sets(folder, store)
         recipes = RunRecipes(folder, rig_config.calibration, operator, store, clock)
-        if options.is_collecting:
+        if is_collecting:
             warn(COLLECTING_REASON)
             recipes.collect()
         else:
@@ -75,11 +72,11 @@ def run_station(
             clock,
             live,
             sensor,
-            options.report_alive,
-            None if options.is_collecting else recipes,
+            report_alive,
+            None if is_collecting else recipes,
         )
         with retention_in_background(folder.path, store, config.retention, warn):
-            return Station(folder.path, config, equipment, options.parts).run(source)
+            return Station(folder.path, config, equipment, parts).run(source)
 
 
 def _checks(

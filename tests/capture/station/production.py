@@ -20,7 +20,7 @@ from capture.station.results.verification import verify_station
 from capture.station.run.events import Event
 from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import LiveEvent
-from capture.station.run.run import RunOptions, run_station
+from capture.station.run.run import run_station
 from capture.station.run.triggers import TimerTrigger
 from rig import RigConfig
 from tests.capture.station.teaching_sets import SIDE_PX, acknowledge_faults, saved
@@ -67,7 +67,7 @@ def run_parts(
     live = live or LiveStation(folder.name, simulated=True)
     with station_folder(folder) as opened, live.telling(listen):
         source = TimerTrigger(opened.config.timer_s)
-        run_station(opened, rig, source, live, RunOptions(parts=parts))
+        run_station(opened, rig, source, live, parts=parts)
 
 
 def collected(folder: Path, parts: int) -> list[Event]:
@@ -75,8 +75,8 @@ def collected(folder: Path, parts: int) -> list[Event]:
     events: list[Event] = []
     live = LiveStation("line", simulated=True)
     with station_folder(folder) as opened, live.telling(lambda each: events.append(each.event)):
-        options = RunOptions(parts=parts, is_collecting=True)
-        run_station(opened, VIRTUAL, TimerTrigger(0.0), live, options)
+        source = TimerTrigger(0.0)
+        run_station(opened, VIRTUAL, source, live, parts=parts, is_collecting=True)
     return events
 
 
