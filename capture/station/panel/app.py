@@ -33,7 +33,7 @@ from classify.base.models import in_words
 from .answers import ERRORS, STATIC, JsonAnswer, page
 from .guard import V1, ByOperator, Call, identity_of, without_login
 from .panel import Panel
-from .security import STATIC_PATH, BodyLimit, Denied, HostRule, SecureHeaders
+from .security import STATIC_PATH, BodyLimit, Denied, SecureHeaders
 
 _log = logging.getLogger(__name__)
 _description = APIRouter()
@@ -83,9 +83,8 @@ def _application(*middleware: Middleware) -> FastAPI:
 def panel_app(panel: Panel) -> FastAPI:
     """Return the web application of a station."""
     settings = panel.settings
-    rule = HostRule(frozenset(settings.names))
     app = _application(
-        Middleware(SecureHeaders, rule=rule, is_https=settings.is_https),
+        Middleware(SecureHeaders, names=settings.names, is_https=settings.is_https),
         Middleware(ExceptionMiddleware, handlers={Exception: _refused}),
         Middleware(BodyLimit),
     )

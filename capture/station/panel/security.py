@@ -2,9 +2,8 @@
 
 import asyncio
 import threading
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from urllib.parse import parse_qsl, urlsplit
 
 from starlette.exceptions import HTTPException
@@ -59,35 +58,32 @@ class Slots:
             self._free.release()
 
 
-@dataclass(frozen=True)
-class HostRule:
-    """Values of the header Host with which requests are served, against DNS rebinding."""
+def is_own_host(host_header: str, server_address: str, names: Collection[str]) -> bool:
+    """Whether a request with this header Host may be served: against DNS rebinding.
 
-    names: frozenset[str]  # from ``station.toml``, in lower case
-
-    def accepts(self, host_header: str, server_address: str) -> bool:
-        """Whether a request with this header, received at this address, may be served."""
-        try:
-            host = urlsplit(f"//{host_header}").hostname
-        except ValueError:
-            return False
-        if host is None or "@" in host_header or "/" in host_header:
-            return False
-        # A socket for all addresses, "::", gives IPv4 addresses with this prefix.
-        server_address = server_address.removeprefix("::ffff:")
-        is_loopback = server_address in ("127.0.0.1", "::1")
-        return (
-            host in self.names
-            or host == server_address
-            or (is_loopback and host in ("localhost", "127.0.0.1", "::1"))
-        )
+    It was received at `server_address`; `names` are in lower case, from ``station.toml``.
+    """
+    try:
+        host = urlsplit(f"//{host_header}").hostname
+    except ValueError:
+        return False
+    if host is None or "@" in host_header or "/" in host_header:
+        return False
+    # A socket for all addresses, "::", gives IPv4 addresses with this prefix.
+    server_address = server_address.removeprefix("::ffff:")
+    is_loopback = server_address in ("127.0.0.1", "::1")
+    return (
+        host in names
+        or host == server_address
+        or (is_loopback and host in ("localhost", "127.0.0.1", "::1"))
+    )
 
 
 class SecureHeaders:
-    """Adds `_HEADERS` to every answer, and refuses hosts that `rule` does not know."""
+    """Adds `_HEADERS` to every answer, and refuses hosts other than its own and `names`."""
 
-    def __init__(self, app: ASGIApp, rule: HostRule, *, is_https: bool) -> None:
-        self._app, self._rule = app, rule
+    def __init__(self, app: ASGIApp, names: Collection[str], *, is_https: bool) -> None:
+        self._app, self._names = app, names
         headers = dict(_HEADERS)
         if is_https:
             headers["Strict-Transport-Security"] = "max-age=31536000"
@@ -114,8 +110,9 @@ class SecureHeaders:
             scope = {**scope, "method": "GET"}
         hosts = [value for key, value in scope["headers"] if key == b"host"]
         address = (scope.get("server") or ("", 0))[0]
-        if len(hosts) != 1 or not self._rule.accepts(hosts[0].decode("latin-1"), address):
-            named = ", ".join(repr(host.decode("latin-1")[:100]) for host in hosts) or "none"
+        headers = [host.decode("latin-1") for host in hosts]
+        if len(headers) != 1 or not is_own_host(headers[0], address, self._names):
+            named = ", ".join(repr(header[:100]) for header in headers) or "none"
             text = (
                 f"Host {named}: not an address of this station; add it to names in [panel] of "
                 "station.toml, or let the proxy pass on the Host that the browser sent\n"
