@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -68,9 +68,12 @@ def gauge(
     station = StationFolder(folder)
     files = station.recipe_files(first_recipe(station))
     if known:
-        presentations, source = _recorded_presentations(station, files.name, known)
+        # They may come from several states of the recipe.
+        recipe_sha256 = None
+        presentations, is_simulated = _recorded_presentations(station, files.name, known)
     else:
-        presentations, source = _simulated_presentations(station, files, parts, times, seed)
+        is_simulated = True
+        presentations, recipe_sha256 = _simulated_presentations(station, files, parts, times, seed)
     faults: list[str] = []
     if files.file.exists():  # results may be of a recipe that was removed
         inspector = Inspector.load(files)
@@ -79,8 +82,8 @@ def gauge(
     report = GaugeReport.of(
         presentations,
         files.name,
-        source.recipe_sha256,
-        simulated=source.simulated,
+        recipe_sha256,
+        simulated=is_simulated,
         faults=faults,
     )
     make_folder(files.gauge.parent)
@@ -94,17 +97,10 @@ def gauge(
         raise typer.Exit(1)
 
 
-class _StudySource(NamedTuple):
-    """Recipe and kind of rig by which the parts of a study were judged."""
-
-    # None for recorded results: they may come from several states of the recipe.
-    recipe_sha256: str | None
-    simulated: bool
-
-
 def _simulated_presentations(
     station: StationFolder, files: RecipeFolder, count: int, times: int, seed: int
-) -> tuple[Sequence[Presentation], _StudySource]:
+) -> tuple[Sequence[Presentation], str]:
+    """Return the presentations, and the hash of the recipe."""
     from capture.station.judge.inspector import Inspector
     from capture.station.judge.simulated_gauge import known_parts, present
 
@@ -116,13 +112,16 @@ def _simulated_presentations(
     )
     presented = present(parts, times, rig_config, inspector, seed)
     presentations = list(progress(presented, count * times, "present"))
-    return presentations, _StudySource(inspector.recipe.sha256, simulated=True)
+    return presentations, inspector.recipe.sha256
 
 
 def _recorded_presentations(
     station: StationFolder, recipe: str, known: Path
-) -> tuple[Sequence[Presentation], _StudySource]:
-    """Return the presentations that a recipe judged: of production, or else of a simulated rig."""
+) -> tuple[Sequence[Presentation], bool]:
+    """Return the presentations that a recipe judged, and whether they are of a simulated rig.
+
+    Those of production are preferred.
+    """
     from capture.station.judge.gauge import presentations_of, read_known_parts
     from capture.station.results.history import Selection
     from capture.station.results.store import open_store
@@ -138,7 +137,7 @@ def _recorded_presentations(
             recorded = ((entry.result.part_id, entry.result.verdict) for entry in entries)
             presentations = presentations_of(truths, recorded)
             if presentations:
-                return presentations, _StudySource(None, simulated)
+                return presentations, simulated
     raise InputError(
         f"{known}: none of its {len(truths)} parts was judged by recipe {recipe}; present them to "
         "ps4rig station run --trigger enter, and enter their ids"
