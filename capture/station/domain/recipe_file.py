@@ -59,13 +59,9 @@ def read_recipe(path: Path) -> Recipe:
 
 def write_recipe(path: Path, recipe: Recipe) -> None:
     """Write a recipe, whole or not at all; an existing file is replaced."""
+    text = _HEAD.format(name=recipe.name) + "\n".join(_lines(recipe)) + "\n"
     with durable_file(path) as temporary:
-        temporary.write_text(recipe_text(recipe), encoding="utf-8")
-
-
-def recipe_text(recipe: Recipe) -> str:
-    """Return the recipe as TOML; reading it gives an equal recipe."""
-    return _HEAD.format(name=recipe.name) + "\n".join(_lines(recipe)) + "\n"
+        temporary.write_text(text, encoding="utf-8")
 
 
 def _lines(recipe: Recipe) -> Iterator[str]:

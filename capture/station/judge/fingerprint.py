@@ -13,6 +13,7 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.taught import Taught
 from classify.base.models import Record
 
+_HOME = Path(__file__).parents[3]
 _PACKAGES = ("capture", "classify", "firmware_sim", "rig")
 # Packages that compute the measures. `opencv-python-headless` is cv2.
 _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "tifffile")
@@ -20,19 +21,14 @@ _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "tifffile")
 
 @cache
 def software_sha256() -> str:
-    """SHA-256 of this program, computed once in a process."""
-    return sources_sha256(Path(__file__).parents[3])
-
-
-def sources_sha256(home: Path) -> str:
-    """SHA-256 of the sources in `home`, and of the versions of Python and packages."""
+    """SHA-256 of this program, with Python and packages; computed once in a process."""
     digest = hashlib.sha256()
     for name, number in (("python", platform.python_version()), *_versions()):
         digest.update(f"{name} {number}\n".encode())
     for package in _PACKAGES:
-        for path in sorted((home / package).rglob("*.py")):
+        for path in sorted((_HOME / package).rglob("*.py")):
             source = path.read_bytes()
-            digest.update(f"{path.relative_to(home).as_posix()} {len(source)}\n".encode())
+            digest.update(f"{path.relative_to(_HOME).as_posix()} {len(source)}\n".encode())
             digest.update(source)
     return digest.hexdigest()
 

@@ -77,11 +77,6 @@ def disk_fault(folder: Path, floor_mb: int, sets_bytes: int) -> Fault | None:
         free_bytes = shutil.disk_usage(folder).free
     except OSError as error:
         return Fault(Cause.STORAGE, f"{folder}: {error.strerror}", "disk")
-    return floor_fault(free_bytes, sets_bytes, floor_mb)
-
-
-def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> Fault | None:
-    """Return why no set may be written, or None if `floor_mb` stays free after the sets."""
     if free_bytes - sets_bytes >= floor_mb * 1_000_000:
         return None
     needed = f", the next sets need {sets_bytes / 1e6:.0f} MB" if sets_bytes else ""

@@ -18,12 +18,6 @@ _MAX_PICTURES = 4
 
 def write_teaching_page(teaching: Teaching) -> None:
     """Write the page into the folder of the version; InputError if it cannot be written."""
-    with durable_file(teaching.files.report) as temporary:
-        temporary.write_text(teaching_page(teaching), encoding="utf-8")
-
-
-def teaching_page(teaching: Teaching) -> str:
-    """Return the page as HTML; all text of sets and recipe is escaped."""
     recipe = teaching.recipe
 
     def first_sets(texture: str) -> list[KeptSet]:
@@ -38,7 +32,7 @@ def teaching_page(teaching: Teaching) -> str:
             yield f"{name}: relief", pictures.tile_uri(relief)
             yield f"{name}: albedo", pictures.tile_uri(albedo)
 
-    return rendered(
+    page = rendered(
         "station/judge/teaching/teaching.html",
         title=f"{recipe.name}, version {recipe.version}",
         facts=_facts(teaching),
@@ -55,6 +49,8 @@ def teaching_page(teaching: Teaching) -> str:
         sets=_sets(teaching),
         tiles=tiles,
     )
+    with durable_file(teaching.files.report) as temporary:
+        temporary.write_text(page, encoding="utf-8")
 
 
 def _facts(teaching: Teaching) -> Iterator[tuple[str, str]]:

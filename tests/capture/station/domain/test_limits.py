@@ -20,6 +20,7 @@ NEW_ROW = """\
 # The verdict, the recipe's file and form, the row and the column of the results, the part's page.
 NEW_MEASURE = """
 import sys, types
+from pathlib import Path
 from capture.station import domain
 module = types.ModuleType("capture.station.domain.limits")
 module.__package__ = domain.__name__
@@ -27,7 +28,7 @@ sys.modules[module.__name__] = domain.limits = module
 exec(sys.stdin.read(), vars(module))
 
 from capture.station.domain.recipe import Recipe
-from capture.station.domain.recipe_file import recipe_text
+from capture.station.domain.recipe_file import write_recipe
 from capture.station.judge.judge import Measures, verdict_of
 from capture.station.panel.result_pages import measured_numbers
 from capture.station.panel.recipes.recipe_form import RecipeForm
@@ -37,7 +38,9 @@ from capture.station.results.schema import results
 from classify import Match
 
 recipe = Recipe.model_validate({"name": "a", "pass": ["b"], "limits": {"gloss": 0.5}})
-assert "gloss = 0.5  # largest gloss" in recipe_text(recipe)
+path = Path(sys.argv[1])
+write_recipe(path, recipe)
+assert "gloss = 0.5  # largest gloss" in path.read_text()
 assert "limits.gloss" in [field.name for section in RecipeForm(recipe).sections()
                           for field in section.fields]
 match = Match("b", "b", 0.0, 0.1, None, None, None, limit=1.0, blur_px=0.1)
@@ -58,14 +61,12 @@ print(number.value, number.limit, number.is_beyond)
 """
 
 
-def test_a_new_measure_is_a_field_and_a_row_in_one_file() -> None:
+def test_a_new_measure_is_a_field_and_a_row_in_one_file(tmp_path: Path) -> None:
     table = TABLE.read_text(encoding="utf-8")
     assert (table.count(FIELD), table.count(ROW)) == (1, 1)
     table = table.replace(FIELD, FIELD + NEW_FIELD).replace(ROW, NEW_ROW + ROW)
-    answer = subprocess.run(
-        [sys.executable, "-c", NEW_MEASURE], input=table, text=True, capture_output=True,
-        check=False,
-    )  # fmt: skip
+    command = [sys.executable, "-c", NEW_MEASURE, str(tmp_path / "a.toml")]
+    answer = subprocess.run(command, input=table, text=True, capture_output=True, check=False)
     assert answer.stderr == ""
     assert answer.stdout.splitlines() == [
         "FAIL gloss 0.70, at most 0.50",

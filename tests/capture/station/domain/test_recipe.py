@@ -16,7 +16,7 @@ from capture.station.domain.recipe import (
     Region,
     require_approved,
 )
-from capture.station.domain.recipe_file import read_recipe, recipe_text, write_recipe
+from capture.station.domain.recipe_file import read_recipe, write_recipe
 from classify.base.errors import ConfigError, InputError
 
 # No lower-case "unknown" and no surrogates; the rule for labels is tested elsewhere.
@@ -117,6 +117,7 @@ def test_a_missing_recipe_says_how_to_make_one(tmp_path: Path) -> None:
         read_recipe(tmp_path / "sheet.toml")
 
 
-def test_a_recipe_explains_its_keys() -> None:
-    text = recipe_text(Recipe(name="sheet", passes=("steel",)))
+def test_a_recipe_explains_its_keys(tmp_path: Path) -> None:
+    write_recipe(tmp_path / "sheet.toml", Recipe(name="sheet", passes=("steel",)))
+    text = (tmp_path / "sheet.toml").read_text(encoding="utf-8")
     assert 'pass = ["steel"]  # textures of good parts' in text

@@ -176,16 +176,18 @@ def test_the_hash_of_the_software_changes_with_any_source_file(
     for package in ("capture/station", "classify", "rig"):
         (tmp_path / package).mkdir(parents=True)
         (tmp_path / package / "a.py").write_text("a = 1\n")
-    found = {fingerprint.sources_sha256(tmp_path)}
+    monkeypatch.setattr(fingerprint, "_HOME", tmp_path)
+    hashed = fingerprint.software_sha256.__wrapped__
+    found = {hashed()}
     (tmp_path / "classify/a.py").write_text("a = 2\n")
-    found.add(fingerprint.sources_sha256(tmp_path))
+    found.add(hashed())
     (tmp_path / "classify/a.py").rename(tmp_path / "classify/b.py")
-    found.add(fingerprint.sources_sha256(tmp_path))
+    found.add(hashed())
     monkeypatch.setattr(fingerprint, "version", lambda _: "another")
-    found.add(fingerprint.sources_sha256(tmp_path))
+    found.add(hashed())
     assert len(found) == 4
     (tmp_path / "classify/notes.txt").write_text("no code")
-    assert fingerprint.sources_sha256(tmp_path) in found
+    assert hashed() in found
 
 
 def test_added_parts_need_another_replay(files: RecipeFolder, tmp_path: Path) -> None:

@@ -8,7 +8,6 @@ import pytest
 from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.domain.taught import DetectionLimit
 from capture.station.judge.teaching.teaching import teach
-from capture.station.judge.teaching.teaching_page import teaching_page
 from capture.station.judge.teaching.teaching_result import Teaching
 from classify.defects.detectability import DEFECTS
 from rig.config.simulation import Defect
@@ -60,7 +59,7 @@ def test_teaching_says_what_is_found_on_a_texture_that_passes(
     assert any(each.strength is not None for each in found)
     sentences = list(teaching.least_found())
     assert sentences == [f"rock: {each}" for each in found]
-    page = Page(teaching_page(teaching)).text
+    page = Page(teaching.files.report.read_text(encoding="utf-8")).text
     assert all(each in page for each in sentences)
     fields = teaching.fields()["least_found"]
     assert [(each["texture"], each["text"]) for each in fields] == [

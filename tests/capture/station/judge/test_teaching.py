@@ -19,7 +19,6 @@ from capture.station.judge.inspector import Inspector
 from capture.station.judge.recipe_settings import save_settings, with_settings
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_limits import limits_of_texture
-from capture.station.judge.teaching.teaching_page import teaching_page
 from capture.station.judge.teaching.teaching_result import Teaching
 from classify.pieces.piece_model import PieceModel
 from rig.config.simulation import Defect
@@ -70,7 +69,7 @@ def test_textures_that_cannot_be_told_apart_are_named(files: RecipeFolder, tmp_p
     assert ("rock", "painted rock") in pairs
     assert ("painted rock", "rock") in pairs
     assert any("rock and painted rock overlap" in remark for remark in teaching.remarks)
-    assert "overlap" in Page(teaching_page(teaching)).text
+    assert "overlap" in Page(teaching.files.report.read_text(encoding="utf-8")).text
 
 
 def test_a_set_that_is_good_and_bad_is_refused(files: RecipeFolder, tmp_path: Path) -> None:

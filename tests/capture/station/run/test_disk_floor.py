@@ -1,8 +1,17 @@
+from pathlib import Path
+from unittest.mock import Mock, patch
+
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture.station.domain.fault import Fault
 from capture.station.domain.verdict import Cause
-from capture.station.run.self_test import floor_fault
+from capture.station.run.self_test import disk_fault
+
+
+def floor_fault(free_bytes: int, sets_bytes: int, floor_mb: int) -> Fault | None:
+    with patch("shutil.disk_usage", lambda _: Mock(free=free_bytes)):
+        return disk_fault(Path(), floor_mb, sets_bytes)
 
 
 @given(st.integers(0, 10**15), st.integers(0, 10**11), st.integers(1, 10**7))
