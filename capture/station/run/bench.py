@@ -20,7 +20,7 @@ from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.taught import Taught, TaughtSet, TaughtTexture, TextureModels
 from capture.station.domain.verdict import Decision
-from capture.station.judge.inspector import Collector, Inspector
+from capture.station.judge.inspector import Inspector
 from capture.station.judge.measured_surface import MeasuredSurface
 from capture.station.results.store import open_store
 from classify import Calibration, TextureLibrary, learn_defects
@@ -44,6 +44,7 @@ from .live_station import LiveStation
 from .live_view import LiveEvent
 from .outcome import PartJudge
 from .station_clock import StationClock
+from .station_rig import StationRig
 from .triggers import TimerTrigger
 
 # Ambient image and four light images, at 30 frames per second.
@@ -119,22 +120,19 @@ class _Watcher:
                 self.early_mb = _memory_mb()
 
 
-class _StoredSets:
+class _StoredSets(StationRig):
     """A rig that delivers stored sets, in the time that their exposures would take."""
 
-    is_simulated = True
-    set_bytes = 0
-
-    def __init__(self, sets: Sequence[CapturedSet], exposed: Callable[[CapturedSet], None]) -> None:
-        self._sets, self._exposed = sets, exposed
+    def __init__(
+        self, config: StationConfig, inspector: Inspector, sets: Sequence[CapturedSet]
+    ) -> None:
+        super().__init__(config, RigConfig(), inspector)
+        self._sets, self._exposed = sets, inspector.begin
 
     def open(self) -> None:
         """Do nothing: there is no device."""
 
-    def use(self, inspector: Inspector | Collector) -> None:
-        """Do nothing: the sets are captured."""
-
-    def test(self, *, is_start: bool) -> list[Check]:  # noqa: ARG002 - as `PartCamera` has it
+    def test(self, *, is_start: bool) -> list[Check]:  # noqa: ARG002 - as a rig has it
         """Return no checks."""
         return []
 
@@ -151,9 +149,6 @@ class _StoredSets:
         _check_as_captured(captured)
         hashed.sha256()
         return captured, exposed_s
-
-    def close(self) -> None:
-        """Do nothing: there is no device."""
 
 
 def _check_as_captured(captured: CapturedSet) -> None:
@@ -203,7 +198,7 @@ def run_bench(
         live.telling(watcher),
     ):
         judge = PartJudge(config.name, None, inspector, {}, save, clock)
-        camera = _StoredSets(good[MIN_PARTS:], inspector.begin)
+        camera = _StoredSets(config, inspector, good[MIN_PARTS:])
         equipment = Equipment(camera, judge, store, list, clock, live)
         began_s = time.monotonic()
         Station(folder, config, equipment, parts).run(TimerTrigger(0.0))

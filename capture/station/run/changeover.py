@@ -12,7 +12,7 @@ from .events import RecipeLoaded, Warned
 from .outcome import PartJudge
 from .run_recipes import RunRecipes, UsableRecipe
 from .self_test import SelfTest
-from .station_rig import PartCamera
+from .station_rig import StationRig
 from .triggers import Asker, RecipeRefusal, RecipeRefused
 
 # Time that a second asker waits until the recipe of the first is loaded.
@@ -92,7 +92,7 @@ class Changeover:
         return request
 
     def exchange(
-        self, request: _RecipeRequest, camera: PartCamera, self_test: SelfTest
+        self, request: _RecipeRequest, camera: StationRig, self_test: SelfTest
     ) -> PartJudge:
         """Exchange the recipe between parts, and return the new judge.
 

@@ -12,7 +12,7 @@ from .live_station import LiveStation
 from .outcome import PartJudge
 from .run_recipes import RunRecipes
 from .station_clock import StationClock
-from .station_rig import PartCamera
+from .station_rig import StationRig
 from .triggers import PartSensor
 
 Worker = Literal["capture", "verdict"]
@@ -58,7 +58,7 @@ class GuardedThread(threading.Thread):
 class Equipment:
     """Rig, judge, results, clock and interfaces of a cycle."""
 
-    camera: PartCamera
+    camera: StationRig
     judge: PartJudge  # used until another recipe is loaded
     store: ResultStore
     # Makes all checks except those of the rig; called while no part is in progress.

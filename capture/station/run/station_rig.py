@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from typing import Protocol
 
 from capture.acquisition.attempts import capture_set
 from capture.acquisition.hardware_set import ArrivedPart, wait_for_part
@@ -28,35 +27,8 @@ _SIMULATED_ARRIVAL_S = 0.1
 MAX_KNOWN = 10_000
 
 
-class PartCamera(Protocol):
-    """What the cycle needs of a rig. All methods are called from one thread."""
-
-    @property
-    def is_simulated(self) -> bool:
-        """Whether its sets are simulated."""
-
-    @property
-    def set_bytes(self) -> int:
-        """Size of a set's file."""
-
-    def open(self) -> None:
-        """Open the closed rig."""
-
-    def use(self, inspector: Inspector | Collector) -> None:
-        """Use the settings of another recipe; an open rig with other settings is opened again."""
-
-    def test(self, *, is_start: bool) -> list[Check]:
-        """Check the open rig; compare it with a white sheet at the start, if configured."""
-
-    def capture(self, number: int) -> tuple[CapturedSet, float]:
-        """Capture the part; return its set and the `time.monotonic` of its last exposure's end."""
-
-    def close(self) -> None:
-        """Put the LEDs out and release the rig; a closed one stays closed. Never raises."""
-
-
 class StationRig:
-    """The rig of a station, with the settings of its recipe."""
+    """The rig of a station, with the settings of its recipe, for one thread."""
 
     def __init__(
         self,
@@ -135,7 +107,7 @@ class StationRig:
 
     @on_free_processor()
     def capture(self, number: int) -> tuple[CapturedSet, float]:
-        """Capture the part, and return it with the end of the last exposure."""
+        """Capture the part; return its set and the `time.monotonic` of its last exposure's end."""
         rig = self._opened()
         part, self._part = self._part, None
         if part is None:
@@ -154,7 +126,7 @@ class StationRig:
         return captured, max(frame.exposure_end_s for frame in frames)
 
     def close(self) -> None:
-        """Put the LEDs out and release the rig; a closed one stays closed."""
+        """Put the LEDs out and release the rig; a closed one stays closed. Never raises."""
         rig, self._rig = self._rig, None
         if rig is not None:
             # A rig that failed may not answer; its watchdog puts the LEDs out.
