@@ -2,14 +2,13 @@
 
 import random
 from collections.abc import Iterator
-from dataclasses import dataclass
 
 from capture.acquisition.attempts import capture_set
 from capture.base.errors import CalibrationError, SetRejected
 from capture.calibration.ps4cal import CalibrationFile
 from capture.station.domain.config import SimulatedParts
 from capture.station.domain.fault import fault_of
-from capture.station.domain.simulated_parts import simulated_part
+from capture.station.domain.simulated_parts import SimulatedPart, simulated_part
 from capture.station.domain.verdict import Verdict
 from classify.base.errors import ConfigError
 from rig import Placement, Rig, RigConfig, open_rig
@@ -23,31 +22,18 @@ _PLACEMENT_DEG, _PLACEMENT_PX = 2.0, 5.0
 _SHARE_DEFECTIVE, _SHARE_OTHER = 0.4, 0.1
 
 
-@dataclass(frozen=True)
-class _KnownPart:
-    """A part of a study: its name, how it lies, and whether it is good."""
-
-    name: str
-    placement: Placement
-    is_good: bool
-
-
-def known_parts(feed: SimulatedParts, count: int, frame_px: int) -> list[_KnownPart]:
+def known_parts(feed: SimulatedParts, count: int, frame_px: int) -> list[SimulatedPart]:
     """Return parts of the feed of a station, up to half of them bad."""
     shares = {
         "share_defective": _SHARE_DEFECTIVE if feed.defects else 0.0,
         "share_other": _SHARE_OTHER if feed.others else 0.0,
     }
     mixed = SimulatedParts.model_validate(feed.model_dump() | shares)
-    parts = (simulated_part(mixed, number, frame_px) for number in range(1, count + 1))
-    return [
-        _KnownPart(f"part {number}", part.placement, part.is_good)
-        for number, part in enumerate(parts, 1)
-    ]
+    return [simulated_part(mixed, number, frame_px) for number in range(1, count + 1)]
 
 
 def present(
-    parts: list[_KnownPart],
+    parts: list[SimulatedPart],
     times: int,
     rig_config: RigConfig,
     inspector: Inspector,
@@ -63,11 +49,11 @@ def present(
     calibration = None if inspector.calibration is None else inspector.calibration.file
     with open_rig(config) as rig:
         for _ in range(times):
-            for part in draw.sample(parts, len(parts)):
+            for number, part in draw.sample([*enumerate(parts, 1)], len(parts)):
                 assert rig.simulation is not None
                 rig.simulation.place(_put_back(part.placement, draw))
                 verdict = _verdict(rig, calibration, inspector)
-                yield Presentation(part.name, part.is_good, verdict.decision, verdict.reason)
+                yield Presentation(f"part {number}", part.is_good, verdict.decision, verdict.reason)
 
 
 def _put_back(placement: Placement, draw: random.Random) -> Placement:
