@@ -95,16 +95,16 @@ def override(
 ) -> None:
     """Give a part another verdict; the station's own stays in the results beside it."""
     from capture.station.domain.folder import StationFolder
-    from capture.station.results.audit import changing_on_the_terminal, override_part
+    from capture.station.results.audit import changing_on_the_terminal
 
     with (
-        changing_on_the_terminal(StationFolder(folder), by) as (log, who),
+        changing_on_the_terminal(StationFolder(folder), by) as (results, who),
         _results_of(folder) as store,
     ):
         entry = store.part(part)
         if entry is None:
             raise InputError(f"part {part[:100]}: station {store.station} has no result of it")
-        override_part(store, log, who, entry, decision=verdict, by=by, reason=reason)
+        results.override(who, entry, decision=verdict, by=by, reason=reason)
     out.print(f"{part}: {verdict}, by {by}: {reason}")
 
 

@@ -12,7 +12,7 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import RecipeFolder, read_recipe
 from capture.station.domain.users import Identity
-from capture.station.results.audit import ChangeLog, changing_on_the_terminal
+from capture.station.results.audit import ResultsAccess, changing_on_the_terminal
 from capture.station.results.database import ResultsUnavailable
 
 from .approval import approve, approved_states, require_unchanged, roll_back
@@ -32,7 +32,7 @@ class RecipeChanges:
     """A recipe for changes by `who`; nothing changes if a change cannot be recorded."""
 
     folder: StationFolder
-    log: ChangeLog
+    results: ResultsAccess
     who: Identity
     files: RecipeFolder
 
@@ -175,7 +175,7 @@ class RecipeChanges:
 
     def _record(self, key: str, before: str | None, after: str | None) -> None:
         what = f"recipe {self.files.name}" + (f": {key}" if key else "")
-        self.log.record(self.who, what, before, after)
+        self.results.record(self.who, what, before, after)
 
 
 def teaching_title(parts: int, bad_texture: str | None, good_texture: str | None) -> str:
@@ -199,8 +199,8 @@ def recipe_on_the_terminal(
     """Yield a recipe for changes that are recorded under `by` and the user of this shell."""
     folder = StationFolder(station)
     files = folder.recipe_files(recipe)
-    with changing_on_the_terminal(folder, by) as (log, who):
-        yield RecipeChanges(folder, log, who, files)
+    with changing_on_the_terminal(folder, by) as (results, who):
+        yield RecipeChanges(folder, results, who, files)
 
 
 def with_approval(recipe: Recipe) -> str:

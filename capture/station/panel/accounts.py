@@ -43,7 +43,7 @@ class UserFields(AccountFields):
 def _accounts_of(call: Call) -> Accounts:
     """Return the accounts, for changes by the user of the call."""
     panel = call.panel
-    return Accounts(panel.users, panel.tokens, panel.changes, call.someone)
+    return Accounts(panel.users, panel.tokens, panel.results, call.someone)
 
 
 @router.get("/users", response_model=_Users)

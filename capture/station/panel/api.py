@@ -19,7 +19,6 @@ from capture.station.results.audit import (
     CHANGE_TIMEOUT_S,
     ChangeRecord,
     newest_changes,
-    override_part,
 )
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.history import (
@@ -223,7 +222,7 @@ def _acknowledge(call: ByOperator, part_id: str) -> dict[str, Any]:
             raise Denied(404, f"part {part_id[:100]}: is not among the last rejected parts")
         if rejected[part_id].acknowledged_by is None:
             decision = rejected[part_id].result.verdict.decision
-            call.panel.changes.record(call.someone, f"part {part_id}", decision, "acknowledged")
+            call.panel.results.record(call.someone, f"part {part_id}", decision, "acknowledged")
             live.acknowledge(part_id, call.name)
     return {"part_id": part_id, "acknowledged": True}
 
@@ -235,7 +234,7 @@ def _acknowledge_fault(call: ByOperator) -> dict[str, Any]:
         state = call.panel.live.snapshot()
         if not state.is_stopped_by_errors:
             raise Denied(409, "no errors in a row stop the line")
-        call.panel.changes.record(
+        call.panel.results.record(
             call.someone, f"station {state.station}", state.reason, "acknowledged"
         )
         call.panel.live.acknowledge(None, call.name)
@@ -335,14 +334,8 @@ def override(call: Call, part_id: str, decision: str, reason: str) -> HistoryEnt
     panel = call.panel
     with _changing(panel):
         entry = entry_of(panel, part_id)
-        given = override_part(
-            panel.results.store,
-            panel.changes,
-            call.someone,
-            entry,
-            decision=decision,
-            by=call.name,
-            reason=reason,
+        given = panel.results.override(
+            call.someone, entry, decision=decision, by=call.name, reason=reason
         )
     panel.live.announce(
         {"event": "override", "part_id": part_id, "decision": given, "by": call.name}

@@ -48,7 +48,7 @@ def _login(call: ByAnybody) -> Response:
         if unrecorded is not None:
             via = "kiosk" if pin else "page"
             with suppress(ResultsUnavailable):  # the answer is the same in any case
-                call.panel.changes.record_failed_login(name, address, via, unrecorded)
+                call.panel.results.record_failed_login(name, address, via, unrecorded)
         message = "The PIN is wrong." if pin else "Name or password is wrong."
         return _page(call, next_path, message)
     call.panel.logins.succeeded(name, address)

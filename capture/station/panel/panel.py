@@ -7,7 +7,7 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.tokens import Tokens
 from capture.station.domain.users import Users
-from capture.station.results.audit import ChangeLog, ResultsAccess
+from capture.station.results.audit import ResultsAccess
 from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import Subscription
 
@@ -34,7 +34,6 @@ class Panel:
         self.folder, self.live = folder, live
         self.settings = settings  # section ``[panel]``, with what the command line changed
         self.results = ResultsAccess(folder, live.append)
-        self.changes = ChangeLog(folder, self.results)
         self.users, self.tokens = Users(folder.path), Tokens(folder.path)
         self.sessions = Sessions(folder.path, self.users)
         self.triggers = KeyedTriggers(live, self.results)

@@ -9,7 +9,7 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.tokens import Tokens
 from capture.station.domain.users import KIOSK, Identity, Role, User, Users
 
-from .audit import ChangeLog, changing_on_the_terminal
+from .audit import ResultsAccess, changing_on_the_terminal
 
 _RESERVED = (KIOSK, "local", "nobody", "plc", "ps4rig", "root", "station", "system")
 
@@ -20,7 +20,7 @@ class Accounts:
 
     users: Users
     tokens: Tokens
-    changes: ChangeLog
+    results: ResultsAccess
     who: Identity
 
     def put_user(self, name: str, role: Role, password: str, expected: User | None = None) -> None:
@@ -35,27 +35,27 @@ class Accounts:
     def _put(self, name: str, role: Role, password: str, expected: User | None = None) -> None:
         def record(before: User | None) -> None:
             old_role = None if before is None else before.role
-            self.changes.record(self.who, f"user {name}", old_role, f"{role}, new password")
+            self.results.record(self.who, f"user {name}", old_role, f"{role}, new password")
 
         self.users.put(name, role, password, expected, record)
 
     def remove_user(self, name: str) -> None:
         """Remove a user; see `Users.remove`."""
         self.users.remove(
-            name, lambda user: self.changes.record(self.who, f"user {name}", user.role)
+            name, lambda user: self.results.record(self.who, f"user {name}", user.role)
         )
 
     def add_client(self, name: str, role: Role) -> str:
         """Add a client and return its token; see `Tokens.add`."""
         _require_free("client", name)
         return self.tokens.add(
-            name, role, lambda: self.changes.record(self.who, f"client {name}", None, role)
+            name, role, lambda: self.results.record(self.who, f"client {name}", None, role)
         )
 
     def remove_client(self, name: str) -> None:
         """Remove a client; see `Tokens.remove`."""
         self.tokens.remove(
-            name, lambda client: self.changes.record(self.who, f"client {name}", client.role)
+            name, lambda client: self.results.record(self.who, f"client {name}", client.role)
         )
 
 
@@ -68,5 +68,5 @@ def _require_free(kind: str, name: str) -> None:
 @contextmanager
 def accounts_on_the_terminal(folder: StationFolder) -> Iterator[Accounts]:
     """Yield the accounts for changes that are recorded under the user of this shell."""
-    with changing_on_the_terminal(folder) as (changes, who):
-        yield Accounts(Users(folder.path), Tokens(folder.path), changes, who)
+    with changing_on_the_terminal(folder) as (results, who):
+        yield Accounts(Users(folder.path), Tokens(folder.path), results, who)

@@ -70,7 +70,10 @@ def newest_changes(store: ResultStore, count: int) -> list[ChangeRecord]:
 
 
 class ResultsAccess:
-    """Opens the results on first use; they may not exist yet."""
+    """Opens the results on first use, which may not exist yet, and records changes of people.
+
+    A change has a row in the results, and a line in ``station.log``.
+    """
 
     def __init__(
         self, folder: StationFolder, append_remotely: AppendRemotely = lambda *_: False
@@ -116,19 +119,12 @@ class ResultsAccess:
                 self._store.close()
                 self._store = None
 
-
-class ChangeLog:
-    """Writes changes to the database of results, made if it is missing, and to ``station.log``."""
-
-    def __init__(self, folder: StationFolder, results: ResultsAccess) -> None:
-        self._folder, self._results = folder, results
-
     def record(
         self, who: Identity, what: str, before: str | None = None, after: str | None = None
     ) -> None:
         """Record a change, which must not be made if this raises `ResultsUnavailable`."""
         try:
-            store = self._results.opened_or_created()
+            store = self.opened_or_created()
             record_change(store, what, before, after, by=who.name, role=who.role, via=who.via)
         except ResultsUnavailable as error:
             raise ResultsUnavailable(
@@ -144,57 +140,49 @@ class ChangeLog:
         """Record a failed login, and the number of `unrecorded` ones since the last record."""
         what = f"login as {name[:_MAX_NAME_LENGTH]}"
         after = "failed" + (f"; {unrecorded} further failed logins before it" if unrecorded else "")
-        store = self._results.opened_or_created()
+        store = self.opened_or_created()
         record_change(store, what, None, after, by=address, role="none", via=via)
         self._log(f"{what} from {address}: {after}")
+
+    def override(
+        self, who: Identity, entry: HistoryEntry, *, decision: str, by: str, reason: str
+    ) -> Decision:
+        """Give a part another verdict beside that of the station; an equal one changes nothing.
+
+        The override is in the name of `by`. The log of changes names `who`, such as the user of the
+        computer on whose terminal `by` decided.
+        """
+        part_id, verdict, reason = entry.result.part_id, decision.upper(), reason.strip()
+        if verdict not in (Decision.PASS, Decision.FAIL):
+            raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
+        if not reason:
+            raise InputError("reason: must not be empty")
+        if any(unicodedata.category(letter) in _CONTROL for letter in reason):
+            raise InputError("reason: has control characters or line breaks; leave them out")
+        last = entry.override
+        if last is not None and (last.decision, last.by, last.reason) == (verdict, by, reason):
+            return last.decision
+        self.record(who, f"part {part_id}", entry.decision, f"{verdict}: {reason}")
+        utc = utc_text(timespec="milliseconds")
+        self.store.override(part_id, decision=Decision(verdict), by=by, reason=reason, utc=utc)
+        return Decision(verdict)
 
     def _log(self, line: str) -> None:
         # One line for each change, although texts of people may have line breaks.
         self._folder.log("".join(c if c.isprintable() else " " for c in line))
 
 
-def override_part(
-    store: ResultStore,
-    log: ChangeLog,
-    who: Identity,
-    entry: HistoryEntry,
-    *,
-    decision: str,
-    by: str,
-    reason: str,
-) -> Decision:
-    """Give a part another verdict beside that of the station; an equal one changes nothing.
-
-    The override is in the name of `by`. The log of changes names `who`, such as the user of the
-    computer on whose terminal `by` decided.
-    """
-    part_id, verdict = entry.result.part_id, decision.upper()
-    if verdict not in (Decision.PASS, Decision.FAIL):
-        raise InputError(f"decision = {decision[:20]!r}: a person decides PASS or FAIL")
-    if not reason.strip():
-        raise InputError("reason: must not be empty")
-    if any(unicodedata.category(letter) in _CONTROL for letter in reason.strip()):
-        raise InputError("reason: has control characters or line breaks; leave them out")
-    last = entry.override
-    if last is not None and (last.decision, last.by, last.reason) == (verdict, by, reason.strip()):
-        return last.decision
-    log.record(who, f"part {part_id}", entry.decision, f"{verdict}: {reason.strip()}")
-    utc = utc_text(timespec="milliseconds")
-    store.override(part_id, decision=Decision(verdict), by=by, reason=reason, utc=utc)
-    return Decision(verdict)
-
-
 @contextmanager
 def changing_on_the_terminal(
     folder: StationFolder, by: str | None = None
-) -> Iterator[tuple[ChangeLog, Identity]]:
-    """Yield the log of changes, and the identity for it: `by` and the user of the system."""
+) -> Iterator[tuple[ResultsAccess, Identity]]:
+    """Yield the results, and the identity for their log: `by` and the user of the system."""
     if by is not None and not (by.strip() and by.isprintable() and len(by) <= _MAX_NAME_LENGTH):
         raise InputError(f"--by {by[:20]!r}: give 1 to {_MAX_NAME_LENGTH} printable characters")
     user = system_user()
     name = f"{user}, on the terminal" if by is None else f"{by}, on the terminal as {user}"
     with closing(ResultsAccess(folder)) as results:
-        yield ChangeLog(folder, results), Identity(name, Role.ADMINISTRATOR, "command")
+        yield results, Identity(name, Role.ADMINISTRATOR, "command")
 
 
 def system_user() -> str:

@@ -45,7 +45,7 @@ _NAME = "/recipes/{name}"
 def changes_of_new_or_existing(call: Call, name: str) -> RecipeChanges:
     """Return a recipe, which may not exist yet, for changes by the user."""
     folder = call.panel.folder
-    return RecipeChanges(folder, call.panel.changes, call.someone, folder.recipe_files(name))
+    return RecipeChanges(folder, call.panel.results, call.someone, folder.recipe_files(name))
 
 
 def changes_of_existing(call: Call, name: str) -> RecipeChanges:

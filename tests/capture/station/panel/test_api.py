@@ -278,14 +278,14 @@ def test_a_double_click_overrides_once(
 ) -> None:
     (part_id,) = panel.parts(1)
     engineer, both = panel.client(Role.ENGINEER), threading.Barrier(2)
-    record = panel.panel.changes.record
+    record = panel.panel.results.record
 
     def record_at_once(*row: Any) -> None:
         with suppress(threading.BrokenBarrierError):
             both.wait(1.0)
         record(*row)
 
-    monkeypatch.setattr(panel.panel.changes, "record", record_at_once)
+    monkeypatch.setattr(panel.panel.results, "record", record_at_once)
     given = {"decision": "FAIL", "reason": "a dent"}
     with ThreadPoolExecutor(2) as clicks:
         posts = [

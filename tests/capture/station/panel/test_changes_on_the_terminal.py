@@ -11,7 +11,6 @@ from capture.station.domain.folder import StationFolder
 from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.domain.users import Identity, Role
 from capture.station.results.audit import (
-    ChangeLog,
     ChangeRecord,
     ResultsAccess,
     changing_on_the_terminal,
@@ -181,4 +180,4 @@ def test_no_change_is_made_when_the_results_cannot_be_written(
     assert not (station / "station.log").exists()
     folder = StationFolder(station)
     with pytest.raises(ResultsUnavailable):
-        ChangeLog(folder, ResultsAccess(folder)).record(ADA, "user kim", None, "operator")
+        ResultsAccess(folder).record(ADA, "user kim", None, "operator")

@@ -220,7 +220,7 @@ def test_a_job_whose_begin_cannot_be_recorded_is_refused(
     def record(*_: Any) -> None:
         raise ResultsUnavailable("locked")
 
-    monkeypatch.setattr(line.panel.changes, "record", record)
+    monkeypatch.setattr(line.panel.results, "record", record)
     client = line.client(Role.ENGINEER)
     for call, fields in (("challenge", None), ("teach", {})):
         refused = client.post(f"{API}/{call}", fields)

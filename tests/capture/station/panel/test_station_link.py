@@ -321,18 +321,17 @@ def test_the_run_writes_the_changes_of_its_panel(
             with running(folder), monkeypatch.context() as patch, closing(access):
                 until_so(lambda: link.run != "")
                 patch.setattr(access.store, "append_rows", None)
-                audit.ChangeLog(folder, access).record(kim, "user lee", None, "operator")
+                access.record(kim, "user lee", None, "operator")
                 entry = store.part("part-000001")
                 assert entry is not None
                 about = {"decision": "FAIL", "by": "kim", "reason": "a hair"}
-                log = audit.ChangeLog(folder, access)
-                audit.override_part(access.store, log, kim, entry, **about)
+                access.override(kim, entry, **about)
                 with closing(sqlite3.connect(results, isolation_level=None)) as other:
                     other.execute("BEGIN IMMEDIATE")
                     with pytest.raises(ResultsUnavailable, match=r"nothing was changed.*locked"):
-                        log.record(kim, "user lee", "operator", None)
+                        access.record(kim, "user lee", "operator", None)
             until_so(lambda: link.state.reason == NO_RUN)
-            audit.ChangeLog(folder, access).record(kim, "user lee", "operator", None)
+            access.record(kim, "user lee", "operator", None)
         overridden = store.part("part-000001")
         assert overridden is not None
         assert overridden.decision == "FAIL"

@@ -9,7 +9,7 @@ from sqlalchemy import create_engine, text
 from sqlalchemy.exc import DBAPIError
 
 from capture.station.domain.verdict import Decision
-from capture.station.results.audit import override_part, record_change
+from capture.station.results.audit import ResultsAccess, record_change
 from capture.station.results.database import (
     ResultsUnavailable,
     database_url,
@@ -124,7 +124,7 @@ def test_an_override_has_a_verdict_and_a_reason_before_anything_is_recorded(
     [entry] = store.parts()
     given = {"decision": "FAIL", "by": "Kim", "reason": "a hair"} | wrong
     with pytest.raises(InputError, match=r"PASS or FAIL|reason"):
-        override_part(store, None, None, entry, **given)  # type: ignore[arg-type]
+        ResultsAccess(None).override(None, entry, **given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("version", [VERSION - 1, VERSION + 1])
