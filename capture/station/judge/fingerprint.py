@@ -13,7 +13,7 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.taught import Taught
 from classify.base.models import Record
 
-_HOME = Path(__file__).parents[3]
+HOME = Path(__file__).parents[3]
 _PACKAGES = ("capture", "classify", "firmware_sim", "rig")
 # Packages that compute the measures. `opencv-python-headless` is cv2.
 _COMPUTING = ("numpy", "scipy", "numba", "opencv-python-headless", "tifffile")
@@ -26,9 +26,9 @@ def software_sha256() -> str:
     for name, number in (("python", platform.python_version()), *_versions()):
         digest.update(f"{name} {number}\n".encode())
     for package in _PACKAGES:
-        for path in sorted((_HOME / package).rglob("*.py")):
+        for path in sorted((HOME / package).rglob("*.py")):
             source = path.read_bytes()
-            digest.update(f"{path.relative_to(_HOME).as_posix()} {len(source)}\n".encode())
+            digest.update(f"{path.relative_to(HOME).as_posix()} {len(source)}\n".encode())
             digest.update(source)
     return digest.hexdigest()
 

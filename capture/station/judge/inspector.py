@@ -77,9 +77,8 @@ class Inspection:
         values = {name: getattr(self.measures, name) for name in _LIMITED_MEASURES}
         if (match := self.measures.match) is not None:
             values |= {name: getattr(match, name) for name in _MATCH_FIELDS}
-            orientation_deg, period_deg = orientation_of(self.orientation_rule, match)
-            values["orientation_deg"] = orientation_deg
-            values["orientation_period_deg"] = None if orientation_deg is None else period_deg
+            orientation = orientation_of(self.orientation_rule, match)
+            values["orientation_deg"], values["orientation_period_deg"] = orientation
         return replace(
             part,
             verdict=self.verdict,
@@ -235,7 +234,7 @@ class Inspector:
                 defect_map = models.defects.map_of_fields(fields(), orientation_deg)
                 gap_px = _largest_gap_px(defect_map, measured.inside)
                 limits = self.recipe.limits_for(texture)
-                outlined = self._defects(defect_map, limits.defect)
+                outlined = tuple(self._defects(defect_map, limits.defect))
                 pieces = wait_for_pieces()
                 defects = (*outlined, *self._windows(pieces, limits))
                 measures = replace(
@@ -257,18 +256,14 @@ class Inspector:
             verdict, measures, defect_map, defects, ratios, timings_ms, self.recipe.orientation
         )
 
-    def _defects(self, defect_map: DefectMap, limit: float | None) -> tuple[DefectRecord, ...]:
+    def _defects(self, defect_map: DefectMap, limit: float | None) -> Iterator[DefectRecord]:
         """Outline the defects above a limit; their scores are in units of it."""
         left, top = self._corner
-        records = []
         for region in regions_of(defect_map.in_units_of(limit))[:_MAX_DEFECTS]:
             x, y, width, height = region.box
-            records.append(
-                DefectRecord(
-                    region.kind, top + y, left + x, height, width, region.area_px, region.score
-                )
+            yield DefectRecord(
+                region.kind, top + y, left + x, height, width, region.area_px, region.score
             )
-        return tuple(records)
 
     def _windows(self, pieces: PieceMeasures, limits: Limits) -> Iterator[DefectRecord]:
         """Outline connected cells whose windows exceed a limit; their scores are in units of it."""

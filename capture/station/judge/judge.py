@@ -138,22 +138,22 @@ def _orientation_findings(rule: Orientation, match: Match) -> Iterator[Finding]:
     yield from _bound_findings(
         name, match.sharpness, "at least", MIN_SHARPNESS, Cause.UNDECIDED, ".2f"
     )
-    deviation_deg = rule.deviation_deg(measured_deg, period_deg)
+    deviation_deg = rule.deviation_deg(measured_deg, rule.period_deg)
     name = f"degrees off {rule.reference_deg:g}"
     yield from _bound_findings(
         name, abs(deviation_deg), "at most", rule.tolerance_deg, Cause.ORIENTATION, ".1f"
     )
 
 
-def orientation_of(rule: Orientation, match: Match) -> tuple[float | None, float]:
-    """Return the orientation of a part, and its period in degrees.
+def orientation_of(rule: Orientation, match: Match) -> tuple[float | None, float | None]:
+    """Return the orientation of a part and its period in degrees, None where it has none.
 
     The period is 360 if the rule tells apart parts that are rotated by 180 degrees, and the texture
     does.
     """
     if rule.full_turn and match.heading_deg is not None:
         return match.heading_deg, 360.0
-    return match.orientation_deg, 180.0
+    return match.orientation_deg, None if match.orientation_deg is None else 180.0
 
 
 def _limit_findings(key: str, limits: Limits, measures: Measures | Match) -> Iterator[Finding]:
@@ -180,8 +180,9 @@ def _measures_text(recipe: Recipe, measures: Measures, match: Match) -> str:
     bounds = [bound for bound in (match.limit, limits.distance) if bound is not None]
     parts = [f"distance {match.distance:.2f} of {min(bounds):.2f}"]
     if recipe.orientation.tolerance_deg is not None:
-        measured_deg, period_deg = orientation_of(recipe.orientation, match)
-        parts.append(f"at {orientation_text(measured_deg or 0.0, 0, period_deg)} degrees")
+        measured_deg, _ = orientation_of(recipe.orientation, match)
+        text = orientation_text(measured_deg or 0.0, 0, recipe.orientation.period_deg)
+        parts.append(f"at {text} degrees")
     parts += [
         row.text_within(getattr(measures, MEASURES_OF[key]), limit)
         for key, row in ROWS.items()

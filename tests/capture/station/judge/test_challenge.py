@@ -176,7 +176,7 @@ def test_the_hash_of_the_software_changes_with_any_source_file(
     for package in ("capture/station", "classify", "rig"):
         (tmp_path / package).mkdir(parents=True)
         (tmp_path / package / "a.py").write_text("a = 1\n")
-    monkeypatch.setattr(fingerprint, "_HOME", tmp_path)
+    monkeypatch.setattr(fingerprint, "HOME", tmp_path)
     hashed = fingerprint.software_sha256.__wrapped__
     found = {hashed()}
     (tmp_path / "classify/a.py").write_text("a = 2\n")
