@@ -8,7 +8,6 @@ from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.tokens import Tokens
 from capture.station.domain.users import Users
 from capture.station.results.audit import ResultsAccess
-from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import Subscription
 
 from .background_jobs import BackgroundJobs
@@ -28,9 +27,7 @@ _MAX_STREAMS = 128
 class Panel:
     """The objects that all pages and API calls work with."""
 
-    def __init__(
-        self, folder: StationFolder, live: LiveStation | StationLink, settings: PanelConfig
-    ) -> None:
+    def __init__(self, folder: StationFolder, live: StationLink, settings: PanelConfig) -> None:
         self.folder, self.live = folder, live
         self.settings = settings  # section ``[panel]``, with what the command line changed
         self.results = ResultsAccess(folder, live.append)

@@ -6,7 +6,6 @@ from collections import OrderedDict
 from dataclasses import dataclass, replace
 
 from capture.station.results.audit import ResultsAccess
-from capture.station.run.live_station import LiveStation
 from capture.station.run.triggers import Accepted, Refused, Trigger
 
 from .security import Denied, Slots
@@ -33,7 +32,7 @@ class _Repeated:
 class KeyedTriggers:
     """Passes triggers to the station, each key once, also after a restart."""
 
-    def __init__(self, live: LiveStation | StationLink, results: ResultsAccess) -> None:
+    def __init__(self, live: StationLink, results: ResultsAccess) -> None:
         self._live, self._results = live, results
         self._lock = threading.Lock()
         self._slots = Slots(MAX_WAITING, "triggers wait for the station")

@@ -151,10 +151,6 @@ class LiveView:
             for subscription in self._subscriptions:
                 subscription.put(event)
 
-    def append(self, table: str, rows: list[dict[str, Any]], of_part: str | None) -> bool:  # noqa: ARG002
-        """Let the process of the run append rows; False if there is none, or it is this one."""
-        return False
-
     def close(self) -> None:
         """End all subscriptions; no event comes any more."""
         with self._lock:

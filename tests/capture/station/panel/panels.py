@@ -161,6 +161,13 @@ class RunningPanel(ServedPanel):
     bench: Bench = field(kw_only=True)
 
 
+class OwnRun(LiveStation):
+    """A run in the process of its panel, which appends rows itself."""
+
+    def append(self, *_: object) -> bool:
+        return False
+
+
 @contextmanager
 def running_panel(
     folder: Path,
@@ -170,7 +177,7 @@ def running_panel(
 ) -> Iterator[RunningPanel]:
     """Run a station with a fake rig in `folder` whose triggers come by HTTP, with its panel."""
     with bench(folder, captured) as station:
-        live = LiveStation(station.folder.config.name, simulated=True)
+        live = OwnRun(station.folder.config.name, simulated=True)
         station.live, station.recipes = live, recipes
         panel = Panel(station.folder, live, settings)
         with running(station.run), serving_panel(panel) as url:
@@ -181,7 +188,7 @@ def running_panel(
 def real_panel(folder: Path, rig_config: RigConfig) -> Iterator[ServedPanel]:
     """Run the taught station in `folder` with a simulated rig; its triggers come by HTTP."""
     with station_folder(folder) as opened:
-        live = LiveStation(opened.config.name, simulated=True)
+        live = OwnRun(opened.config.name, simulated=True)
         panel = Panel(opened, live, ANY_PORT)
         with (
             live.telling(),
