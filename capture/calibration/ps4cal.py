@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, Literal, NamedTuple, Self, get_args, get_origin, get_type_hints
+from typing import Any, Final, Literal, NamedTuple, Self, get_type_hints
 
 import numpy as np
-from pydantic import Field, JsonValue, TypeAdapter
+from pydantic import ConfigDict, Field, JsonValue, TypeAdapter, ValidationError
 
 from capture.base.errors import CalibrationError
 from classify import Calibration, InputError, Lighting
 from classify.base import array_archive
 from classify.base.arrays import Array
-from classify.base.models import Record
+from classify.base.models import Record, first_fault
 from classify.calibration.dark import measured_at
 
 from .setting import PART_NAMES, PartName, Setting
@@ -36,7 +36,7 @@ _KIND = array_archive.ArchiveKind(
     max_header_bytes=2**20,
 )
 _DEPEND_ON_RESPONSE: tuple[PartName, ...] = ("flat_field", "lights")
-_DTYPES = ("<f8", "<f4", "<i4", "|b1", "|u1", "<u2")
+_DTYPES = ("<f8", "<i4")
 
 
 class PartRecord(Record):
@@ -270,7 +270,6 @@ def stated_error(share: float, decimals: int) -> str:
 
 
 _Values = dict[str, Any]
-
 # Dark frames of 16 exposures are nested 15 levels deep.
 _MAX_LEVELS = 20
 
@@ -292,7 +291,7 @@ def flattened(part: Any) -> tuple[_Values, dict[str, Array]]:
             elif is_dataclass(value):
                 flatten(value, name + ".")
             else:
-                values[name] = list(value) if isinstance(value, tuple) else value
+                values[name] = value
 
     flatten(part, "")
     return values, arrays
@@ -300,68 +299,24 @@ def flattened(part: Any) -> tuple[_Values, dict[str, Array]]:
 
 def rebuilt(name: PartName, values: _Values, arrays: dict[str, Array]) -> Any:
     """Rebuild a part from its values and arrays: the inverse of `flattened`."""
-    unread = {*values, *arrays}
-    if max((field_path.count(".") for field_path in unread), default=0) > _MAX_LEVELS:
-        raise InputError(f"fields are nested more than {_MAX_LEVELS} times")
-
-    def build(kind: Any, path: str) -> Any:
-        arguments: dict[str, Any] = {}
-        hints = get_type_hints(kind)
-        for entry in fields(kind):
-            hint, field_path = hints[entry.name], path + entry.name
-            if not entry.init:
-                continue
-            if field_path in arrays:
-                arguments[entry.name] = _checked_array(arrays[field_path], hint, field_path)
-            elif field_path in values:
-                arguments[entry.name] = _checked_value(values[field_path], hint, field_path)
-            elif any(remaining.startswith(field_path + ".") for remaining in unread):
-                arguments[entry.name] = build(
-                    _alternative(hint, is_dataclass, field_path), field_path + "."
-                )
-            unread.discard(field_path)
-        try:
-            return kind(**arguments)
-        except TypeError as error:  # a field without default is missing
-            raise InputError(f"{path or name}: {error}") from error
-
-    part = build(_alternative(get_type_hints(Calibration)[name], is_dataclass, name), "")
-    if unread:
-        raise InputError(f"field {min(unread)!r} is unknown")
-    return part
-
-
-def _alternative(hint: Any, accepts: Callable[[Any], bool], path: str) -> Any:
-    """The first member of the union `hint` that satisfies `accepts`."""
-    for alternative in (hint, *get_args(hint)):
-        if accepts(alternative):
-            return alternative
-    raise InputError(f"field {path} has the wrong type")
-
-
-def _is_array(hint: Any) -> bool:
-    origin: Any = get_origin(hint)
-    return origin is np.ndarray
-
-
-def _checked_array(array: Array, hint: Any, path: str) -> Array:
-    kind = _alternative(hint, _is_array, path)
-    dtype = get_args(get_args(kind)[1])[0]
-    if array.dtype != np.dtype(dtype) or (array.dtype.kind == "f" and not np.isfinite(array).all()):
-        raise InputError(
-            f"field {path} is {array.dtype}, or is not finite; give finite {np.dtype(dtype)}"
-        )
-    return array
-
-
-def _checked_value(value: Any, hint: Any, path: str) -> Any:
-    if value is None and type(None) in get_args(hint):
-        return None
-    alternatives = (hint, *get_args(hint))
-    if any(is_dataclass(alternative) or _is_array(alternative) for alternative in alternatives):
-        raise InputError(f"field {path} has the wrong type")
-    adapter: TypeAdapter[Any] = TypeAdapter(hint, config={"allow_inf_nan": False})
+    tree: dict[str, Any] = {}
+    for path, leaf in (values | arrays).items():
+        *parents, last = path.split(".")
+        if len(parents) > _MAX_LEVELS:
+            raise InputError(f"fields are nested more than {_MAX_LEVELS} times")
+        table = tree
+        for parent in parents:
+            table = table.setdefault(parent, {})
+            if not isinstance(table, dict):
+                raise InputError(f"field {path} has the wrong type")
+        table[last] = leaf
     try:
-        return adapter.validate_python(tuple(value) if isinstance(value, list) else value)
-    except ValueError as error:
-        raise InputError(f"field {path} is {value!r}") from error
+        return _adapter_of(name).validate_python(tree)
+    except ValidationError as error:
+        raise InputError(f"field {first_fault(error)}") from error
+
+
+@cache
+def _adapter_of(name: PartName) -> TypeAdapter[Any]:
+    config = ConfigDict(arbitrary_types_allowed=True, allow_inf_nan=False, extra="forbid")
+    return TypeAdapter(get_type_hints(Calibration)[name], config=config)

@@ -171,19 +171,29 @@ def test_an_edited_array_is_refused(saved: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "values", "cause"),
+    ("name", "changes", "cause"),
     [
-        ("noise", {"sensor.gain_e_per_dn": 1.0}, "missing"),
-        ("noise", {"sensor.gain_e_per_dn": "x"}, "field sensor.gain_e_per_dn is 'x'"),
-        ("noise", {"sensor": None, "error": 0.0}, "has the wrong type"),
-        ("dark", {"offset": float("nan")}, "field offset is nan"),
-        ("lights", {"source": "guess"}, "field source is 'guess'"),
-        ("scale", {"more": 1.0}, "missing|unknown"),
+        ("noise", {"sensor.gain_e_per_dn": "x"}, "field sensor.gain_e_per_dn: .* number"),
+        ("noise", {"sensor": None}, "field sensor.* has the wrong type"),
+        ("dark", {"offset": float("nan")}, "field offset: .* finite"),
+        ("dark", {"longer." * 21 + "offset": 1.0}, "nested more than 20 times"),
+        ("dark", {"hot_pixels": 3}, "field hot_pixels: .* ndarray"),
+        ("lights", {"source": "guess"}, "field source: .* 'plate'"),
+        ("scale", {"more": 1.0}, "field more: Unexpected"),
     ],
 )
-def test_a_wrong_field_of_a_part_is_named(name: Any, values: dict[str, Any], cause: str) -> None:
+def test_a_wrong_field_of_a_part_is_named(name: Any, changes: dict[str, Any], cause: str) -> None:
+    values, arrays = flattened(getattr(EXAMPLE, name))
+    arrays = {path: array for path, array in arrays.items() if path not in changes}
     with pytest.raises(InputError, match=cause):
-        rebuilt(name, values, {})
+        rebuilt(name, changes | values | changes, arrays)
+
+
+def test_a_missing_field_of_a_part_is_named() -> None:
+    values, arrays = flattened(EXAMPLE.noise)
+    del values["sensor.read_noise_dn"]
+    with pytest.raises(InputError, match=r"field sensor\.read_noise_dn: Field required"):
+        rebuilt("noise", values, arrays)
 
 
 @pytest.mark.parametrize(
