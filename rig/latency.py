@@ -2,7 +2,7 @@
 
 import math
 import random
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,8 +13,10 @@ from rig.acceptance import MAX_SATURATED_SHARE
 from rig.cameras.camera import Frame, FrameFlag
 from rig.cameras.config import CameraConfig, StampedCameraConfig
 from rig.config.rig import RigConfig
-from rig.errors import CameraError
+from rig.errors import CameraError, LightControllerError
 from rig.fresh_frame import frames_until_fresh, next_fresh_frame, switch_to
+from rig.lights.driver import Answer
+from rig.lights.sequence import ClockRelation, DatedAnswer
 from rig.rig import Rig
 from rig.step_fit import StepFit, Steps, fit_steps
 
@@ -38,8 +40,8 @@ _AIM_MARGIN = 0.1
 class _Recording:
     """Switches, and for each frame its times and the light in each band of its rows."""
 
-    # Times of command, acknowledgement and switch, in s; whether the LED was switched on.
-    switches: list[tuple[float, float, float, bool]] = field(default_factory=list)
+    # The LED is switched on and off in turn, on first.
+    switches: list[DatedAnswer] = field(default_factory=list)
     reported_s: list[float] = field(default_factory=list)
     arrived_s: list[float] = field(default_factory=list)
     step_numbers: list[int] = field(default_factory=list)
@@ -85,8 +87,8 @@ def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Re
             clock.sleep_s(first_half.wait_s(phase, clock.now_s(), recording.reported_s[-1]))
         sent_s, rising = clock.now_s(), number % 2 == 0
         switch = switch_to(rig, led if rising else None)
-        controller_s = switch.controller_time_us / 1e6
-        recording.switches.append((sent_s, switch.acknowledged_s, controller_s, rising))
+        answer = Answer((switch.controller_time_us,), sent_s, switch.acknowledged_s)
+        recording.switches.append((switch.controller_time_us, answer))
         for frame, _ in frames_until_fresh(rig, switch.acknowledged_s + record_s):
             if frame.flags != FrameFlag.GOOD:
                 continue
@@ -102,8 +104,14 @@ def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Re
 def _evaluate(rig: Rig, recording: _Recording) -> _Evaluation:
     """Evaluate the frames recorded so far."""
     info, numbers = rig.camera.info, np.array(recording.step_numbers)
-    sent_s, acknowledged_s, device_s, rising = map(np.array, zip(*recording.switches, strict=True))
-    switched_s, uncertainty_s = _switch_times(sent_s, acknowledged_s, device_s)
+    switches = recording.switches
+    sent_s = np.array([answer.sent_s for _, answer in switches])
+    acknowledged_s = np.array([answer.received_s for _, answer in switches])
+    rising = np.arange(len(switches)) % 2 == 0
+    clocks = list(_clock_relations(switches))
+    switched_s = np.array(
+        [clock.on_rig_s(at_us) for clock, (at_us, _) in zip(clocks, switches, strict=True)]
+    )
     shares, lit_bands = _shares(np.array(recording.levels), numbers, rising, 1 << info.bit_depth)
     edges = _band_edges(info.height_px)
     steps = Steps(
@@ -120,7 +128,7 @@ def _evaluate(rig: Rig, recording: _Recording) -> _Evaluation:
         numbers,
         delays_s=np.array(recording.arrived_s) - acknowledged_s[numbers],
         command_delay_s=float(np.median(switched_s - sent_s)),
-        switch_uncertainty_s=uncertainty_s,
+        switch_uncertainty_s=max(clock.uncertainty_s for clock in clocks),
     )
 
 
@@ -144,22 +152,15 @@ def _band_levels(frame: Frame) -> Floats:
     return levels
 
 
-def _switch_times(sent_s: Floats, answered_s: Floats, device_s: Floats) -> tuple[Floats, float]:
-    """Time of each switch on the rig's clock, and the uncertainty."""
-    switched_s, uncertainty_s = np.empty(len(sent_s)), 0.0
-    for index in range(len(sent_s)):
-        neighbours = slice(max(index - _NEIGHBOURS, 0), index + _NEIGHBOURS + 1)
-        # Bounds of the offset of the rig's clock from that of the controller.
-        lower_s = float((sent_s - device_s)[neighbours].max())
-        upper_s = float((answered_s - device_s)[neighbours].min())
-        drift_s = _CLOCK_DRIFT * float(answered_s[neighbours].max() - sent_s[neighbours].min())
-        if lower_s > upper_s + drift_s:
+def _clock_relations(switches: Sequence[DatedAnswer]) -> Iterator[ClockRelation]:
+    """Relate the controller's clock to the rig's at each switch."""
+    for index, switch in enumerate(switches):
+        neighbours = switches[max(index - _NEIGHBOURS, 0) : index + _NEIGHBOURS + 1]
+        try:
+            yield ClockRelation.of(neighbours, _CLOCK_DRIFT)
+        except LightControllerError:
             # The clock was set or restarted: only the bounds of this exchange hold.
-            lower_s = sent_s[index] - device_s[index]
-            upper_s = answered_s[index] - device_s[index]
-        switched_s[index] = device_s[index] + (lower_s + upper_s) / 2.0
-        uncertainty_s = max(uncertainty_s, abs(upper_s - lower_s) / 2.0 + drift_s)
-    return switched_s, uncertainty_s
+            yield ClockRelation.of([switch], _CLOCK_DRIFT)
 
 
 def _shares(

@@ -14,8 +14,8 @@ from classify.lighting import Lighting
 
 from .calibration import Calibration
 from .drift_model import DriftModel, Explanation, Kind, PossibleCause, moved_light
-from .flat_field import BLOCKS, PlateBlocks
-from .led_positions import Aim, fit_led_positions
+from .flat_field import PlateBlocks
+from .led_positions import Aim, block_sums, fit_led_positions
 from .plate import check_evenness, check_sheet, is_known
 
 _DriftKind = Kind | Literal["unexplained"]
@@ -136,16 +136,10 @@ def _coarse_change(blocks: PlateBlocks, expected: Floats) -> tuple[Floats, Float
     usable = blocks.usable[0]
     y, x = np.meshgrid(blocks.y, blocks.x, indexing="ij")
     values = np.concatenate([blocks.logs[0] - expected, x[None], y[None]])
-    weights = _block_sums(usable.astype(np.float64)).ravel()
-    sums = _block_sums(np.where(usable, values, 0.0)).reshape(len(values), -1)
+    weights = block_sums(usable.astype(np.float64), _SIDE_BLOCKS).ravel()
+    sums = block_sums(np.where(usable, values, 0.0), _SIDE_BLOCKS).reshape(len(values), -1)
     means = sums[:, weights > 0.0] / weights[weights > 0.0]
     return means[:-2], means[-2], means[-1]
-
-
-def _block_sums(values: Floats) -> Floats:
-    size = BLOCKS // _SIDE_BLOCKS
-    parts = values.reshape(*values.shape[:-2], _SIDE_BLOCKS, size, _SIDE_BLOCKS, size)
-    return np.asarray(parts.sum(axis=(-1, -3)), np.float64)
 
 
 def _worst(*statuses: _Status) -> _Status:

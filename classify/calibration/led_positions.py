@@ -56,12 +56,12 @@ class LedPositions:
 def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> LedPositions:
     """Fit N >= 3 LEDs to (N, n, n) log ratios of each light to the geometric mean of all."""
     size = _BLOCKS if len(ratios) <= _MANY_LIGHTS else _BLOCKS // 2
-    pooled = _sums(weights, size)
+    pooled = block_sums(weights, size)
     used = pooled > 0.0
     total = np.where(used, pooled, 1.0)
     columns, rows = np.meshgrid(x, y)
-    x, y = (_sums(axis * weights, size)[used] / total[used] for axis in (columns, rows))
-    data = _sums(ratios * weights, size)[:, used] / total[used]
+    x, y = (block_sums(axis * weights, size)[used] / total[used] for axis in (columns, rows))
+    data = block_sums(ratios * weights, size)[:, used] / total[used]
     root_weights = np.sqrt(pooled[used] / pooled.max())
     aims: tuple[Aim, ...] = ("centre", "down")
     models = [_Model(x, y, data, root_weights, aim) for aim in aims]
@@ -191,7 +191,7 @@ class _Model:
         return difference.ravel(), derivatives.reshape(-1, parameters.size)
 
 
-def _sums(values: Floats, size: int) -> Floats:
+def block_sums(values: Floats, size: int) -> Floats:
     """(..., size, size) sums of neighbouring blocks."""
     step = values.shape[-1] // size
     blocks = values.reshape(*values.shape[:-2], size, step, size, step)
@@ -200,4 +200,4 @@ def _sums(values: Floats, size: int) -> Floats:
 
 def _means(values: Floats, size: int) -> Floats:
     """(..., size, size) means of neighbouring blocks."""
-    return np.asarray(_sums(values, size) / (values.shape[-1] // size) ** 2, np.float64)
+    return np.asarray(block_sums(values, size) / (values.shape[-1] // size) ** 2, np.float64)

@@ -71,6 +71,10 @@ def _ask_status(lights: LightController) -> Answer:
     return lights.ask("SEQ:STAT?", len(_Status._fields))
 
 
+DatedAnswer = tuple[int, Answer]
+"""Time of the controller in microseconds, and the answer that had it."""
+
+
 @dataclass(frozen=True)
 class ClockRelation:
     """The controller's microseconds on the rig's clock: each exchange bounds their difference."""
@@ -79,12 +83,12 @@ class ClockRelation:
     uncertainty_s: float
 
     @classmethod
-    def of(cls, answers: Sequence[tuple[int, Answer]]) -> ClockRelation:
-        """Relate the clocks by exchanges that contain the controller's time in microseconds."""
+    def of(cls, answers: Sequence[DatedAnswer], drift: float = _DRIFT) -> ClockRelation:
+        """Relate the clocks by exchanges; `drift` is the largest relative one between them."""
         span_s = answers[-1][1].received_s - answers[0][1].sent_s
         lower_s = max(answer.sent_s - 1e-6 * at_us for at_us, answer in answers)
         upper_s = min(answer.received_s - 1e-6 * at_us for at_us, answer in answers)
-        slack_s = _DRIFT * span_s
+        slack_s = drift * span_s
         if lower_s > upper_s + slack_s:
             raise LightControllerError(
                 f"the light controller's clock is off by {1e3 * (lower_s - upper_s):.3g} ms within "
@@ -148,8 +152,7 @@ class RunningSequence:
         answer = lights.ask(start_command(plan), 1)
         self.sent_s = answer.sent_s
         self._started_us = answer.numbers[0]
-        # Time of the controller in us, and the answer that had it.
-        self._dated_answers = deque([(self._started_us, answer)], _EXCHANGES)
+        self._dated_answers: deque[DatedAnswer] = deque([(self._started_us, answer)], _EXCHANGES)
         self._status: _Status | None = None
 
     def is_running(self) -> bool:
