@@ -1,8 +1,7 @@
 """Measurement mode of a V4L2 camera: nothing automatic, every control read back."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal, Self
 
@@ -108,11 +107,31 @@ def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> _Mode:
     """Set exposure, gain and gamma, turn off automatic controls, read all back."""
     settings: list[_Setting] = []
     faults: list[ControlFault] = []
-    for step in _steps(device, config):
+
+    def attempt(set_control: Callable[..., _Setting], *arguments: Any) -> None:
+        """Set one control; a failure does not prevent the next."""
         try:
-            settings.append(step())
+            settings.append(set_control(device, *arguments))
         except ControlError as error:
-            faults += error.faults
+            faults.extend(error.faults)
+
+    if config.fixed_exposure:
+        _require_no_exposure_control(device)
+    else:
+        # Manual mode is set first. Without it, setting the time has no defined effect.
+        if (mode_control := find_control(device, abi.Cid.EXPOSURE_AUTO)) is not None:
+            attempt(_set, mode_control, abi.EXPOSURE_MANUAL)
+        attempt(_set_exposure_time, config.exposure_ms)
+    for control_id in _AUTOMATIC:
+        control = find_control(device, control_id)
+        if control is not None and control.is_readable:
+            off = 0 if control.minimum <= 0 <= control.maximum else control.minimum
+            attempt(_set, control, off)
+    # After the automatic controls, which override them.
+    if config.gain is not None:
+        attempt(_set_configured, "gain", abi.Cid.GAIN, config.gain)
+    if config.gamma is not None:
+        attempt(_set_configured, "gamma", abi.Cid.GAMMA, config.gamma)
     exposures = (value for control, value in settings if control.id == abi.Cid.EXPOSURE_ABSOLUTE)
     units = next(exposures, config.exposure_ms * EXPOSURE_UNITS_PER_MS)
     mode = _Mode(tuple(settings), units / (1e3 * EXPOSURE_UNITS_PER_MS))
@@ -168,40 +187,13 @@ def _changed_controls(device: V4l2Device, mode: _Mode) -> list[ControlFault]:
     return faults
 
 
-def _steps(device: V4l2Device, config: V4l2CameraConfig) -> Iterator[Callable[[], _Setting]]:
-    """Yield actions that set one control each, in order; a failure does not prevent the next."""
-    yield from _exposure_steps(device, config)
-    for control_id in _AUTOMATIC:
-        control = find_control(device, control_id)
-        if control is not None and control.is_readable:
-            off = 0 if control.minimum <= 0 <= control.maximum else control.minimum
-            yield partial(_set, device, control, off)
-    # After the automatic controls, which override them.
-    for name, control_id, value in (
-        ("gain", abi.Cid.GAIN, config.gain),
-        ("gamma", abi.Cid.GAMMA, config.gamma),
-    ):
-        if value is not None:
-            yield partial(_set_configured, device, name, control_id, value)
-
-
-def _exposure_steps(
-    device: V4l2Device, config: V4l2CameraConfig
-) -> Iterator[Callable[[], _Setting]]:
-    """Yield the actions that set the exposure."""
-    # Manual mode is set first. Without it, setting the time has no defined effect.
-    if config.fixed_exposure:
-        control = find_control(device, abi.Cid.EXPOSURE_ABSOLUTE)
-        if control is not None:
-            raise CameraError(
-                f"{device.path}: {device.card} has control {control.slug}, so its exposure is not "
-                "fixed; remove camera.fixed_exposure"
-            )
-        return
-    mode = find_control(device, abi.Cid.EXPOSURE_AUTO)
-    if mode is not None:
-        yield partial(_set, device, mode, abi.EXPOSURE_MANUAL)
-    yield partial(_set_exposure_time, device, config.exposure_ms)
+def _require_no_exposure_control(device: V4l2Device) -> None:
+    control = find_control(device, abi.Cid.EXPOSURE_ABSOLUTE)
+    if control is not None:
+        raise CameraError(
+            f"{device.path}: {device.card} has control {control.slug}, so its exposure is not "
+            "fixed; remove camera.fixed_exposure"
+        )
 
 
 def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> _Setting:
