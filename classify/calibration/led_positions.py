@@ -77,7 +77,7 @@ def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> 
         root_weights=np.ones(size * size),
         aim=model.aim,
     )
-    residuals = -all_blocks.evaluated(solution.x)[0].reshape(len(data), size, size)
+    residuals = -all_blocks.differences(solution.x).reshape(len(data), size, size)
     mean_square = np.square(solution.fun).sum() / (len(data) * np.square(root_weights).sum())
     return LedPositions(
         positions=v / squares[:, None],
@@ -122,11 +122,10 @@ class _Model:
         low, high = np.full(start.size, -np.inf), np.full(start.size, np.inf)
         low[2 : 3 * len(self.data) : 3] = 0.0
         low[-1], high[-1] = 0.0, _MAX_LOBE_EXPONENT
+        # Derivatives by complex steps are exact, so that their rank shows what is undetermined.
         return least_squares(
-            lambda parameters: self.evaluated(parameters)[0], start,
-            jac=lambda parameters: self.evaluated(parameters)[1],
-            bounds=(low, high), x_scale="jac", max_nfev=200,
-        )  # fmt: skip
+            self.differences, start, jac="cs", bounds=(low, high), x_scale="jac", max_nfev=200
+        )
 
     def errors(self, solution: Any) -> tuple[Floats, Floats]:
         """(N,) standard errors of v along itself and across.
@@ -155,40 +154,20 @@ class _Model:
             across[light] = max(np.trace(covariance[of_light, of_light]) - along[light], 0.0)
         return _ERROR_FACTOR * np.sqrt(along), _ERROR_FACTOR * np.sqrt(across)
 
-    def evaluated(self, parameters: Floats) -> tuple[Floats, Floats]:
-        """Weighted differences (N n,) and their derivatives (N n, parameters)."""
+    def differences(self, parameters: Any) -> Any:
+        """Weighted differences (N n,); complex parameters give complex ones."""
         lights = len(self.data)
         v, exponent = parameters[: 3 * lights].reshape(lights, 3), parameters[-1]
         levels = np.concatenate([[0.0], parameters[3 * lights : -1]])
-        radius_squared = self.x * self.x + self.y * self.y
         along = v[:, :1] * self.x + v[:, 1:2] * self.y
+        squares = np.square(v).sum(axis=1)[:, None]
         # |P - X|^2 / |P|^2
-        distance_squared = 1.0 - 2.0 * along + np.square(v).sum(axis=1)[:, None] * radius_squared
-        log_distance_squared = np.log(distance_squared)
-        half = 0.5 * (3.0 + exponent)
-        values = levels[:, None] - half * log_distance_squared
-        by_exponent = -0.5 * log_distance_squared
-        by_along = 2.0 * half / distance_squared
+        distance_squared = 1.0 - 2.0 * along + squares * (self.x * self.x + self.y * self.y)
+        values = levels[:, None] - 0.5 * (3.0 + exponent) * np.log(distance_squared)
         if self.aim == "centre":
             # Beyond a right angle to its axis an LED gives no light; the fit may pass there.
-            facing = np.maximum(1.0 - along, _MIN_FACING)
-            values += exponent * np.log(facing)
-            by_exponent += np.log(facing)
-            by_along -= np.where(facing > _MIN_FACING, exponent / facing, 0.0)
-        derivatives = np.zeros((lights, self.x.size, parameters.size))
-        by_square = -half * radius_squared / distance_squared
-        for light in range(lights):
-            for axis in range(3):
-                derivatives[light, :, 3 * light + axis] = 2.0 * v[light, axis] * by_square[light]
-            derivatives[light, :, 3 * light] += by_along[light] * self.x
-            derivatives[light, :, 3 * light + 1] += by_along[light] * self.y
-            if light > 0:
-                derivatives[light, :, 3 * lights + light - 1] = 1.0
-        derivatives[:, :, -1] = by_exponent
-        derivatives -= derivatives.mean(axis=0)
-        derivatives *= self.root_weights[:, None]
-        difference = (values - values.mean(axis=0) - self.data) * self.root_weights
-        return difference.ravel(), derivatives.reshape(-1, parameters.size)
+            values += exponent * np.log(np.maximum(1.0 - along, _MIN_FACING))
+        return ((values - values.mean(axis=0) - self.data) * self.root_weights).ravel()
 
 
 def block_sums(values: Floats, size: int) -> Floats:
