@@ -16,6 +16,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import least_squares
 
 from classify.base.arrays import Floats
 from classify.images import SIGMA_PER_MAD
@@ -40,9 +41,7 @@ _LEVEL_SPREAD, _GRADIENT_SPREAD, _CURVATURE_SPREAD = 0.01, 0.001, 0.0005
 # tests/evidence/drift_rates.py counts which causes are mistaken for others.
 _LOG_ODDS, _LOG_ODDS_TILT = 3.0, 6.0
 _MAX_CAUSES = 3
-# Gauss-Newton, in standard deviations of the parameters: step of the numerical derivatives (smaller
-# steps end the iteration), and longest step; largest number of steps.
-_STEP, _MAX_STEP, _MAX_STEPS = 1e-3, 1.0, 12
+_TOLERANCE = 1e-3  # relative, of the fitted parameters
 _NO_SLOPE: Floats = np.zeros(2)
 _MIN_LIGHT_Z = 0.02  # least z of a unit vector: no light of a fit sinks below the plane
 
@@ -138,29 +137,21 @@ class DriftModel:
         self, change: Floats, causes: Sequence[PossibleCause], start: Floats
     ) -> tuple[float, Floats]:
         """Minus twice the log evidence of causes, up to a constant, and their parameters."""
+
+        def differences(scaled: Floats) -> Floats:
+            """Whitened residuals, and the parameters in standard deviations."""
+            unexplained = change - self._change(causes, scaled * spreads)
+            return np.append(self._whitener @ unexplained.ravel(), scaled)
+
         spreads = np.array([spread for cause in causes for spread in cause.spreads])
-        scaled, predicted = start / spreads, self._change(causes, start)
+        if not causes:
+            return float(np.square(differences(start)).sum()), start
+        fit = least_squares(differences, start / spreads, method="lm", xtol=_TOLERANCE)
+        log_determinant = float(np.linalg.slogdet(fit.jac.T @ fit.jac)[1])
         odds = sum(
             _LOG_ODDS_TILT if cause.kind == "sheet tilted" else _LOG_ODDS for cause in causes
         )
-        residual, log_determinant = self._whitener @ (change - predicted).ravel(), 0.0
-        for _ in range(_MAX_STEPS if causes else 0):
-            slopes = [
-                self._whitener
-                @ (self._change(causes, (scaled + shift) * spreads) - predicted).ravel()
-                for shift in _STEP * np.eye(len(spreads))
-            ]
-            jacobian = np.stack(slopes, axis=1) / _STEP
-            precision = jacobian.T @ jacobian + np.eye(len(spreads))
-            step = np.linalg.solve(precision, jacobian.T @ residual - scaled)
-            log_determinant = float(np.linalg.slogdet(precision)[1])
-            scaled = scaled + np.clip(step, -_MAX_STEP, _MAX_STEP)
-            predicted = self._change(causes, scaled * spreads)
-            residual = self._whitener @ (change - predicted).ravel()
-            if np.abs(step).max() < _STEP:
-                break
-        misfit = float(residual @ residual + scaled @ scaled)
-        return misfit + 2.0 * odds + log_determinant, scaled * spreads
+        return 2.0 * (fit.cost + odds) + log_determinant, fit.x * spreads
 
     def _change(self, causes: Sequence[PossibleCause], parameters: Floats) -> Floats:
         total, first = np.zeros_like(self._strengths), 0
