@@ -9,7 +9,7 @@ from classify.base.arrays import Floats
 
 from .calibration.calibration import Calibration, Response
 from .calibration.drift_model import led_strength
-from .lighting import Lighting
+from .lighting import Lighting, angles_between_deg
 from .lights.flat_field import coordinates
 from .solvers.solver import photometric_stereo
 
@@ -78,10 +78,8 @@ class _Part:
         solved = photometric_stereo(
             images, lighting, "least_squares", ambient=ambient, flat_field=applied.flat_field
         )
-        true = np.concatenate([-self.slopes, np.ones_like(self.slopes[:1])])
-        true /= np.linalg.norm(true, axis=0)
-        cosines = np.einsum("chw,hwc->hw", true, solved.normals.astype(np.float64))
-        return float(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))[solved.valid].mean())
+        true = np.stack([*-self.slopes, np.ones_like(self.slopes[0])], axis=-1)
+        return float(angles_between_deg(true, solved.normals)[solved.valid].mean())
 
     def _images(self) -> tuple[Floats, Floats]:
         """(N, H, W) light images and (H, W) ambient image as shares of full scale."""

@@ -259,7 +259,9 @@ def _rounded(degrees: Floats) -> Floats:
     return np.asarray(np.round(degrees, 9), dtype=np.float64)
 
 
-def angles_between_deg(directions: Floats, others: Floats) -> Floats:
-    """(N,) angles in degrees between (N, 3) unit vectors and their counterparts."""
-    cosines = np.clip((directions * others).sum(axis=1), -1.0, 1.0)
-    return np.asarray(np.degrees(np.arccos(cosines)), np.float64)
+def angles_between_deg(vectors: npt.ArrayLike, others: npt.ArrayLike) -> Floats:
+    """Angles in degrees between (..., 3) vectors of any length and their counterparts."""
+    one, other = (np.asarray(each, np.float64) for each in (vectors, others))
+    # atan2 keeps small angles, which the cosine loses.
+    across = np.linalg.norm(np.cross(one, other), axis=-1)
+    return np.asarray(np.degrees(np.arctan2(across, (one * other).sum(axis=-1))), np.float64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from capture.sets.captured_set import CapturedSet, LoadedSet, naming_file
 from classify import InputError, SurfaceEstimate
 from classify.base.arrays import BoolArray, FloatMap, Floats
 from classify.library.dissimilarity import TexturePair, compare_textures
-from classify.lighting import orientation_near
+from classify.lighting import angles_between_deg, orientation_near
 from classify.texture.orientation import MIN_SHARPNESS
 
 from . import pictures
@@ -235,19 +235,6 @@ def map_difference(
     )
 
 
-def normal_angles_deg(
-    first: Sequence[npt.NDArray[np.floating[Any]]], second: Sequence[npt.NDArray[np.floating[Any]]]
-) -> Floats:
-    """(H, W) angle between the normals of two surfaces, each given by its slopes p and q."""
-    (p1, q1), (p2, q2) = (
-        [np.asarray(slope, np.float64) for slope in slopes] for slopes in (first, second)
-    )
-    # |n1 x n2| and n1 . n2 of (-p, -q, 1): exact also for small angles.
-    cross = np.sqrt((p1 - p2) ** 2 + (q1 - q2) ** 2 + (p1 * q2 - p2 * q1) ** 2)
-    angles: Floats = np.degrees(np.arctan2(cross, p1 * p2 + q1 * q2 + 1.0))
-    return angles
-
-
 def _correlation(one: Floats, other: Floats) -> float:
     one, other = one - one.mean(), other - other.mean()
     energy = float(np.sqrt((one**2).sum() * (other**2).sum()))
@@ -255,7 +242,7 @@ def _correlation(one: Floats, other: Floats) -> float:
 
 
 # Slopes of a part that did not move correlate by 0.9 and more, in spite of noise. After a shift of
-# 3 px the four textures of the thesis correlate by less than 0.6 (tests/capture/comparison).
+# 3 px the four textures of the thesis correlate by less than 0.6 (test_comparison.py).
 _MIN_CORRELATION = 0.7
 
 
@@ -321,9 +308,7 @@ def compare(first: _Side, second: _Side) -> Comparison:
             if unit == other_unit and difference is not None:
                 maps[name] = difference
         if valid.any():
-            angles = normal_angles_deg(
-                (first.surface.p, first.surface.q), (second.surface.p, second.surface.q)
-            )
+            angles = angles_between_deg(first.surface.normals, second.surface.normals)
             median, p95 = np.percentile(angles[valid], (50, 95))
             normals_deg = float(median), float(p95)
     return Comparison(

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from classify import InputError, Lighting
-from classify.lighting import light_vectors, orientation_near, orientation_text
+from classify.lighting import angles_between_deg, light_vectors, orientation_near, orientation_text
 
 degrees = st.floats(0.0, 360.0, exclude_max=True)
 slants = st.floats(0.5, 89.0)
@@ -166,6 +166,16 @@ def test_lights_are_within_the_largest_angle_between_them(
     if abs(apart - tolerance) > 1e-6:
         assert one.within(tolerance, other) == other.within(tolerance, one) == (apart < tolerance)
     assert one.within(1e-5, one)
+
+
+@given(degrees, st.floats(0.0, 70.0), st.floats(1e-4, 100.0), st.floats(1e-3, 1e6))
+def test_the_angle_between_vectors_of_any_length_is_found(
+    tilt: float, slant: float, apart: float, length: float
+) -> None:
+    one, other = (light_vectors(tilt, [[each]]) for each in (slant, slant + apart))
+    found = angles_between_deg(length * one, other)
+    assert found.shape == (1, 1)
+    assert found[0, 0] == pytest.approx(apart, rel=1e-6, abs=1e-9)
 
 
 def test_lights_of_another_number_or_order_are_not_within_an_angle() -> None:

@@ -15,6 +15,7 @@ import numpy as np
 
 from classify.base.errors import CalibrationRejected
 from classify.calibration.spheres import SphereImages, SphereKind, lights_from_spheres
+from classify.lighting import angles_between_deg
 from tests.sphere_pictures import Background, Picture, scattered_lights
 
 from .limits import at_least, at_most
@@ -49,8 +50,7 @@ def _are_met(kind: SphereKind, background: Background, is_masked: bool, spheres:
             refused += 1
             print(error)
             continue
-        cosines = (lights.lighting.directions * scene.directions).sum(axis=1)
-        errors.append(np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))))
+        errors.append(angles_between_deg(lights.lighting.directions, scene.directions))
         claims.append(lights.direction_errors_deg)
     off, claim = np.concatenate(errors), np.concatenate(claims)
     name = f"{kind} on {background}, {'mask' if is_masked else 'outline found'}"

@@ -2,37 +2,19 @@
 
 import csv
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from classify import Lighting
 from classify.calibration.calibration import CalibratedLights
 from tests.evidence.calibration.lights import light_errors
-from tests.evidence.calibration.rigs import Conditions, angular_errors_deg
+from tests.evidence.calibration.rigs import Conditions
 from tests.evidence.calibration.run import reproduce_calibration
 
 NEAR = Conditions(5.0, 12, 1.0, 100)
 # Most degrees beyond the ideal rig, by the distance of the LEDs in fields of view.
 MORE_THAN_IDEAL_DEG = {"5": 0.3, "2": 0.6}
-
-
-@settings(deadline=None)
-@given(slant_deg=st.floats(0.0, 70.0), apart_deg=st.floats(1e-4, 15.0), tilt_deg=st.floats(0, 360))
-def test_the_angular_error_is_the_angle_between_the_normals(
-    slant_deg: float, apart_deg: float, tilt_deg: float
-) -> None:
-    tilt = np.radians(tilt_deg)
-    slopes = [
-        [np.full((1, 1), f(tilt) * np.tan(np.radians(angle))) for f in (np.cos, np.sin)]
-        for angle in (slant_deg, slant_deg + apart_deg)
-    ]
-    truth = SimpleNamespace(p=slopes[1][0], q=slopes[1][1])
-    errors = angular_errors_deg(*slopes[0], truth)  # type: ignore[arg-type]
-    assert errors[0, 0] == pytest.approx(apart_deg, rel=1e-6, abs=1e-9)
 
 
 def test_the_errors_of_lights_are_the_largest_of_all() -> None:

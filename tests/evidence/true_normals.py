@@ -13,13 +13,14 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from classify import Lighting, Method, SensorNoise, SurfaceEstimate, photometric_stereo
+from classify import Lighting, Method, SensorNoise, photometric_stereo
 from rig.scene.material_folder import bundled_materials, load_material
-from rig.scene.render import Gloss, SceneImages, render_frame
+from rig.scene.render import Gloss, render_frame
 from rig.scene.surfaces import PeriodicSurface
 from rig.scene.synthetic import SYNTHETIC_30, SYNTHETIC_NAMES, synthetic_surface
 from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import SimulatedSet
+from tests.angles import normal_errors_deg
 
 from .limits import at_least, at_most
 
@@ -27,13 +28,6 @@ SLANT_DEG = 45.0
 METHODS: tuple[Method, ...] = ("ps4", "least_squares", "ps3a", "drbohlav", "ps4_robust")
 LIT_BY = ("four", "three", "fewer")
 Table = dict[tuple[str, str], float]
-
-
-def angular_error_deg(scene: SceneImages, surface: SurfaceEstimate) -> np.ndarray:
-    truth = np.stack([-scene.p, -scene.q, np.ones_like(scene.p)], axis=-1).astype(float)
-    found = surface.normals.astype(float)
-    across = np.linalg.norm(np.cross(truth, found), axis=-1)
-    return np.degrees(np.arctan2(across, (truth * found).sum(axis=-1)))
 
 
 def measure(bit_depth: int, seeds: int) -> tuple[Table, dict[str, float]]:
@@ -50,7 +44,7 @@ def measure(bit_depth: int, seeds: int) -> tuple[Table, dict[str, float]]:
             lit = 4 - scene.shadowed.sum(axis=0)
             for method in METHODS:
                 surface = SimulatedSet.expose(scene, lighting, sensor, seed).solve(method)
-                error = angular_error_deg(scene, surface)
+                error = normal_errors_deg(scene, surface)
                 for lights, pixels in zip(LIT_BY, (lit == 4, lit == 3, lit < 3), strict=True):
                     errors.setdefault((method, lights), []).append(error[pixels])
     means = {key: float(np.concatenate(parts).mean()) for key, parts in errors.items()}
@@ -263,7 +257,7 @@ def _robust_ps4_is_better_than_least_squares_on_gloss(slant_deg: float) -> bool:
             taken = SimulatedSet.expose(scene, lighting, sensor, 1)
             for method in GLOSS_METHODS:
                 surface = photometric_stereo(taken.images, lighting, method, ambient=taken.ambient)
-                row.append(float(angular_error_deg(scene, surface).mean()))
+                row.append(float(normal_errors_deg(scene, surface).mean()))
         print(
             f"{name:22}"
             + " ".join(f"{a:7.2f}/{b:5.2f}" for a, b in zip(row[::2], row[1::2], strict=True))

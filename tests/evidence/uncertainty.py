@@ -23,7 +23,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from classify import Lighting, SurfaceEstimate, photometric_stereo
-from classify.base.arrays import BoolArray, FloatMap
+from classify.base.arrays import BoolArray
 from classify.base.threads import set_thread_count
 from classify.lights.near_light import sheet_of
 from rig.scene.material_folder import bundled_materials, load_material
@@ -31,6 +31,7 @@ from rig.scene.render import DISTANT, Gloss, SceneImages, render_frame
 from rig.scene.synthetic import synthetic_surface
 from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import SimulatedSet
+from tests.angles import normal_errors_deg
 
 from .limits import at_least, at_most
 
@@ -133,15 +134,7 @@ def held(
     return float(np.mean(within))
 
 
-def errors_deg(scene: SceneImages, surface: SurfaceEstimate) -> FloatMap:
-    """(H, W) angle between the estimated and the true normals."""
-    true = np.stack([-scene.p, -scene.q, np.ones_like(scene.p)], axis=-1)
-    found = surface.normals
-    across = np.linalg.norm(np.cross(true, found), axis=-1)
-    return np.degrees(np.arctan2(across, (true * found).sum(axis=-1))).astype(np.float32)
-
-
-def sharpness(errors: FloatMap, deviations: FloatMap) -> tuple[float, float]:
+def sharpness(errors: np.ndarray, deviations: np.ndarray) -> tuple[float, float]:
     """Mean error of the better half over that of the other; the share of the worst fifth."""
     order = np.argsort(deviations)
     ranked, half = errors[order], len(order) // 2
@@ -228,7 +221,7 @@ def _are_sharp(folders: dict[str, Path], side: int) -> bool:
                 noise=taken.noise, uncertainty=True,
             )  # fmt: skip
             assert surface.angle_sd is not None
-            errors = errors_deg(scene, surface)[surface.valid]
+            errors = normal_errors_deg(scene, surface)[surface.valid]
             deviations = surface.angle_sd[surface.valid]
             half, worst = sharpness(errors, deviations)
             best = sharpness(errors, errors)[1]

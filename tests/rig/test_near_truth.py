@@ -3,7 +3,6 @@
 ``pytest tests/rig/test_near_truth.py -s`` prints the table; the slow tests measure more surfaces.
 """
 
-import numpy as np
 import pytest
 
 from classify import Lighting, Method, SurfaceEstimate, photometric_stereo
@@ -12,6 +11,7 @@ from rig.scene.render import SceneImages, render_frame
 from rig.scene.synthetic import synthetic_surface
 from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import SimulatedSet
+from tests.angles import normal_errors_deg
 
 SIDE, LOBE = 256, 1.0
 RING = Lighting.ring(45.0)
@@ -20,10 +20,8 @@ SENSOR = SensorModel(bit_depth=12)
 
 def error_deg(scene: SceneImages, surface: SurfaceEstimate) -> float:
     """Mean angular error of the pixels that all lights reach."""
-    truth = np.stack([-scene.p, -scene.q, np.ones_like(scene.p)], axis=-1).astype(float)
-    truth /= np.linalg.norm(truth, axis=-1, keepdims=True)
-    angles = np.degrees(np.arccos(np.clip((truth * surface.normals).sum(axis=-1), -1.0, 1.0)))
-    return float(angles[~scene.shadowed.any(axis=0) & surface.valid].mean())
+    lit = ~scene.shadowed.any(axis=0) & surface.valid
+    return float(normal_errors_deg(scene, surface)[lit].mean())
 
 
 def errors_deg(name: str, fields: float, method: Method) -> dict[str, float]:

@@ -1,16 +1,11 @@
-"""Differences of fields, of maps and of normals."""
+"""Differences of fields and of maps."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture.maps.comparison import (
-    FieldDifference,
-    field_differences,
-    map_difference,
-    normal_angles_deg,
-)
+from capture.maps.comparison import FieldDifference, field_differences, map_difference
 
 ALL = np.ones((4, 5), np.bool_)
 values = st.recursive(
@@ -57,12 +52,3 @@ def test_invalid_pixels_and_nan_are_left_out() -> None:
     assert found.largest == 0.0
     assert found.correlation == 0.0  # even maps
     assert map_difference(one, other, ~ALL, "") is None
-
-
-@given(st.floats(-60.0, 60.0), st.floats(-60.0, 60.0))
-def test_the_angle_between_two_tilted_planes_is_found(one_deg: float, other_deg: float) -> None:
-    slopes = [np.full((2, 2), np.tan(np.radians(each))) for each in (one_deg, other_deg)]
-    flat = np.zeros((2, 2))
-    expected = pytest.approx(np.full((2, 2), abs(one_deg - other_deg)), abs=1e-9)
-    assert normal_angles_deg((slopes[0], flat), (slopes[1], flat)) == expected
-    assert normal_angles_deg((flat, slopes[0]), (flat, slopes[1])) == expected

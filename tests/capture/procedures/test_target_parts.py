@@ -9,6 +9,7 @@ from capture.calibration.replacement import reason_to_keep
 from capture.procedures.plate_parts import plate_parts
 from capture.procedures.target_parts import images_of_sets, sphere_parts
 from classify.calibration.sphere_outline import find_outline
+from classify.lighting import angles_between_deg
 from classify.lights.flat_field import FlatField
 from rig import Placement, RigConfig, open_rig
 
@@ -36,8 +37,7 @@ def test_vignetting_of_the_flat_field_does_not_turn_the_lights_on_a_matt_sphere(
     for file in (plain, known):
         pictures = images_of_sets([ball], file)
         (lights,) = sphere_parts(pictures, "matte", file, ball.setting, ("captured",))
-        cosines = (lights.part.lighting.directions * true).sum(axis=1)
-        errors_deg.append(float(np.degrees(np.arccos(cosines)).max()))
+        errors_deg.append(angles_between_deg(lights.part.lighting.directions, true).max())
     assert errors_deg[1] < 0.5 < errors_deg[0]
 
 

@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from classify.calibration.flat_field import PlateBlocks, fit_flat_field
 from classify.calibration.led_positions import LedPositions, fit_led_positions
+from classify.lighting import angles_between_deg
 from tests.plates import Plate, ring_positions
 
 Array = np.ndarray
@@ -23,8 +24,7 @@ def errors(found: LedPositions, plate: Plate) -> tuple[Array, Array]:
     """(N,) angles in degrees, and shares of the distance."""
     true, positions = np.asarray(plate.positions), found.positions
     lengths, distances = (np.linalg.norm(each, axis=1) for each in (true, positions))
-    cosines = (true * positions).sum(axis=1) / (lengths * distances)
-    return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0))), np.abs(distances / lengths - 1.0)
+    return angles_between_deg(positions, true), np.abs(distances / lengths - 1.0)
 
 
 @st.composite

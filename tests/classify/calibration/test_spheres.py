@@ -18,15 +18,10 @@ from classify.calibration.spheres import (
     positions_of_rays,
     scale_of_spheres,
 )
-from classify.lighting import light_vectors
+from classify.lighting import angles_between_deg, light_vectors
 from tests.sphere_pictures import Picture, scattered_lights
 
 FRAME = (240, 320)
-
-
-def off_deg(found: np.ndarray, true: np.ndarray) -> np.ndarray:
-    true = true / np.linalg.norm(true, axis=1, keepdims=True)
-    return np.degrees(np.arccos(np.clip((found * true).sum(axis=1), -1.0, 1.0)))
 
 
 def taken(picture: Picture, kind: str, *, masked: bool = True) -> SphereImages:
@@ -59,7 +54,7 @@ def test_a_mirror_sphere_gives_distant_lights_within_its_error(
         jpeg=jpeg,
     )  # fmt: skip
     found = lights_from_spheres([taken(picture, "mirror")], "mirror", focal_px=focal)
-    off = off_deg(found.lights.lighting.directions, lights)
+    off = angles_between_deg(found.lights.lighting.directions, lights)
     # A centre that is off by a pixel rotates normals by 1 / radius, and lights by twice as much.
     # 0.305 px are 0.5 degrees on the largest sphere, of 70 px.
     assert np.median(off) < 2.0 * np.degrees(0.305 / radius)
@@ -80,7 +75,7 @@ def test_a_matt_sphere_gives_lights_and_their_levels(
         levels=levels,
     )  # fmt: skip
     found = lights_from_spheres([taken(picture, "matte", masked=is_masked)], "matte").lights
-    off = off_deg(found.lighting.directions, lights)
+    off = angles_between_deg(found.lighting.directions, lights)
     assert (off < np.minimum(2.0, 4.0 * found.direction_errors_deg + 0.3)).all()
     assert found.lighting.intensities_given
     if gamma == 1.0:
@@ -141,7 +136,7 @@ def test_rays_from_several_placements_meet_at_near_lights(
     at, across, along = found
     share = np.linalg.norm(at, axis=1) / distance - 1.0
     assert (np.abs(share) < 4.5 * along).all()
-    assert (np.radians(off_deg(at, true)) < 5.0 * across).all()
+    assert (np.radians(angles_between_deg(at, true)) < 5.0 * across).all()
 
 
 def test_rays_from_one_point_give_no_positions() -> None:
@@ -253,7 +248,7 @@ def test_a_wall_that_each_lamp_lights_is_not_the_lamp(value: int) -> None:
         wall = np.s_[80 + 5 * number : 110 + 5 * number, 105:150]
         image[wall] = np.maximum(image[wall], value)
     found = lights_from_spheres([SphereImages(images, 255.0, None, mask)], "mirror")
-    assert off_deg(found.lights.lighting.directions, lights).max() < 0.6
+    assert angles_between_deg(found.lights.lighting.directions, lights).max() < 0.6
     assert found.doubts == ()
 
 
@@ -264,7 +259,7 @@ def test_a_highlight_is_found_in_a_bright_room_that_each_lamp_lights_unevenly() 
         unevenness=0.6,
     )  # fmt: skip
     found = lights_from_spheres([taken(picture, "mirror")], "mirror").lights
-    off = off_deg(found.lighting.directions, lights)
+    off = angles_between_deg(found.lighting.directions, lights)
     assert (off < 4.0 * found.direction_errors_deg).all()
 
 
@@ -275,7 +270,7 @@ def test_a_highlight_across_the_edge_of_a_window_is_found_whole() -> None:
         lights, centre=(6.65, 0.75), radius=67.0, seed=520364, background="sheet", jpeg=70
     )
     found = lights_from_spheres([taken(picture, "mirror")], "mirror").lights
-    off = off_deg(found.lighting.directions, lights)
+    off = angles_between_deg(found.lighting.directions, lights)
     assert (off < 4.0 * found.direction_errors_deg).all()
 
 

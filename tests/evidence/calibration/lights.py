@@ -10,6 +10,7 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.procedures.target_parts import images_of_sets, sphere_parts
 from classify.calibration.calibration import CalibratedLights
 from classify.calibration.spheres import SphereKind
+from classify.lighting import angles_between_deg
 from rig import Placement, open_rig
 
 from .rigs import Conditions, captured_targets
@@ -48,7 +49,6 @@ class LightErrors:
 def light_errors(conditions: Conditions, lights: CalibratedLights) -> LightErrors:
     """Compare measured lights with those of the simulated rig."""
     true = conditions.faulty.lights.lighting.directions
-    cosines = np.clip((lights.lighting.directions * true).sum(axis=1), -1.0, 1.0)
     positions_px, true_px = lights.lighting.positions_px, conditions.led_distance_px
     distance_pct = stated_pct = None
     if positions_px is not None and true_px is not None:
@@ -60,7 +60,7 @@ def light_errors(conditions: Conditions, lights: CalibratedLights) -> LightError
         lights.source,
         conditions.fields,
         conditions.camera,
-        float(np.degrees(np.arccos(cosines)).max()),
+        float(angles_between_deg(lights.lighting.directions, true).max()),
         float(lights.direction_errors_deg.max()),
         distance_pct,
         stated_pct,

@@ -11,8 +11,9 @@ import numpy.typing as npt
 from capture.calibration.setting import PartName
 from classify import Method
 from classify.calibration.calibration import Calibration
+from tests.angles import normal_errors_deg
 
-from .rigs import Conditions, Part, angular_errors_deg, capture_part
+from .rigs import Conditions, Part, capture_part
 
 SURFACES = ("malv", "rock", "weave_dyed")
 """Relief of one scale and of all scales, and relief with a pattern of albedo."""
@@ -75,5 +76,4 @@ def step_errors(
 def _errors(part: Part, method: Method, calibration: Calibration | None) -> npt.NDArray[np.float64]:
     """Angular errors, NaN where the solver gives no valid slope."""
     surface = part.captured.solve(method, calibration=calibration)
-    errors = angular_errors_deg(surface.p, surface.q, part.truth)
-    return np.where(surface.valid, errors, np.nan)
+    return np.where(surface.valid, normal_errors_deg(part.truth, surface), np.nan)

@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-import numpy as np
-import numpy.typing as npt
-
 from capture.acquisition.attempts import capture_set
 from capture.sets.captured_set import CapturedSet
 from rig import Placement, Rig, RigConfig, open_rig
@@ -101,17 +98,3 @@ def captured_targets(
     for placement in placements:
         rig.simulation.place(placement)
         yield capture_set(rig, average=average, is_target=True)
-
-
-def angular_errors_deg(
-    p: npt.NDArray[np.float32], q: npt.NDArray[np.float32], truth: SceneImages
-) -> npt.NDArray[np.float64]:
-    """(H, W) angles between the normals of slopes and the true ones."""
-    found, true = (
-        np.stack([-x, -y, np.ones_like(x)]).astype(np.float64)
-        for x, y in ((p, q), (truth.p, truth.q))
-    )
-    # atan2 keeps small angles, which the cosine loses.
-    across = np.linalg.norm(np.cross(found, true, axis=0), axis=0)
-    errors: npt.NDArray[np.float64] = np.degrees(np.arctan2(across, (found * true).sum(axis=0)))
-    return errors

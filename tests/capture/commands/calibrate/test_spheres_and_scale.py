@@ -13,16 +13,13 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.sets.light_list import load_light_list
 from classify import Lighting
 from classify.calibration.calibration import CalibratedLights
+from classify.lighting import angles_between_deg
 from tests.capture.commands.calibrate.simulated_rigs import rig_toml
 from tests.sphere_pictures import Picture, scattered_lights
 
 Run = Callable[..., Any]
 LIGHTS = scattered_lights(5, 3, 50.0)
 SIDE = 200
-
-
-def off_deg(found: np.ndarray, true: np.ndarray) -> np.ndarray:
-    return np.degrees(np.arccos(np.clip((found * true).sum(axis=1), -1.0, 1.0)))
 
 
 def lights_of(path: Path) -> CalibratedLights:
@@ -55,14 +52,14 @@ def test_a_sphere_on_the_simulated_rig_gives_its_lights(
     assert done.exit_code == 0, done.stderr
     found = lights_of(cal)
     true = Lighting.ring().directions
-    assert off_deg(found.lighting.directions, true).max() < limit_deg
+    assert angles_between_deg(found.lighting.directions, true).max() < limit_deg
     assert found.source == f"{kind} sphere"
     scale = CalibrationFile.read(cal).calibration.scale
     assert scale.mm_per_px == pytest.approx(0.2, rel=0.01)
     assert abs(scale.mm_per_px / 0.2 - 1.0) < 3.0 * scale.error
     lights, _ = json.loads(done.stdout)
     error_deg = lights["figures"]["largest_direction_error_deg"]
-    assert off_deg(found.lighting.directions, true).max() < 2.0 * error_deg
+    assert angles_between_deg(found.lighting.directions, true).max() < 2.0 * error_deg
     listed = load_light_list(tmp_path / "found.lp")
     np.testing.assert_allclose(listed.vectors, found.lighting.directions, atol=1e-8)
     assert bool(listed.intensities) == (kind == "matte")
@@ -91,7 +88,7 @@ def test_photographs_as_a_shell_gives_them_and_their_mask(
                   cal, "--sphere", "mirror", "--list", tmp_path / "l.json")  # fmt: skip
     assert done.exit_code == 0, done.stderr
     found = lights_of(cal)
-    assert off_deg(found.lighting.directions, LIGHTS).max() < 0.5
+    assert angles_between_deg(found.lighting.directions, LIGHTS).max() < 0.5
     assert "degrees" in done.stdout
     others = [Path(f"owl{k}.png") for k in range(5)]
     listed = load_light_list(tmp_path / "l.json").lighting_for(others)
@@ -105,7 +102,7 @@ def test_a_jpeg_of_a_mirror_needs_no_gamma(ps4rig: Run, photographs: Path, tmp_p
     done = ps4rig("calibrate", "lights", cal, "--from", *images, "--sphere", "mirror")
     assert done.exit_code == 0, done.stderr
     found = lights_of(cal)
-    off = off_deg(found.lighting.directions, LIGHTS)
+    off = angles_between_deg(found.lighting.directions, LIGHTS)
     assert (off < 2.5 * found.direction_errors_deg).all()
     done = ps4rig("calibrate", "lights", cal, "--from", *images, "--sphere", "matte")
     assert done.exit_code == 2
