@@ -34,16 +34,21 @@ def names_in(source: Path) -> list[str]:
     return [name for name in names if name.startswith("test_")]
 
 
-def compile_for_guest(shared: Path, *commands: Sequence[str]) -> dict[str, str]:
-    """Run commands here; return the variables with which the guest uses their compiled kernels.
+def ps4rig(*arguments: object) -> list[str]:
+    """The command that runs ps4rig in this environment."""
+    return [sys.executable, "-m", "capture", *map(str, arguments)]
+
+
+def compile_for_guest(shared: Path, *options: object) -> dict[str, str]:
+    """Capture a set here; return the variables with which the guest uses the compiled kernels.
 
     They are compiled for any processor. The guest would take minutes to compile them.
     """
     compiled = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": ""}
     here = os.environ | compiled | {"NUMBA_CACHE_DIR": str(shared / "numba")}
-    for command in commands:
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env=here)
-        assert done.returncode == 0, done.stderr
+    command = ps4rig("capture", "--rig", "sim", *options, shared / "here.ome.tif")
+    done = subprocess.run(command, capture_output=True, text=True, check=False, env=here)
+    assert done.returncode == 0, done.stderr
     return compiled | {"NUMBA_CACHE_DIR": "/mnt/numba"}
 
 

@@ -8,7 +8,6 @@ import pytest
 from firmware_sim import RealClock, Server, SimulatedBoard, SimulatedController, serve_unix
 
 from .checks import GUEST, Outcomes, assert_passed, compile_for_guest, names_in, run_checks
-from .guest.loop_bench import ps4rig
 
 pytestmark = pytest.mark.kernel
 
@@ -67,8 +66,7 @@ def _null_modem(folder: Path) -> list[str]:
 @pytest.fixture(scope="module")
 def outcomes(tmp_path_factory: pytest.TempPathFactory) -> Outcomes:
     shared = tmp_path_factory.mktemp("serial")
-    captured = ps4rig("capture", "--rig", "sim", "--size", 48, shared / "here.ome.tif")
-    environment = compile_for_guest(shared, captured)
+    environment = compile_for_guest(shared, "--size", 48)
     host = HostController(shared)
     try:
         return run_checks(

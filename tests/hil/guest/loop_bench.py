@@ -1,13 +1,17 @@
 """The simulated rig as devices of the guest."""
 
+import os
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from multiprocessing import get_context
 from pathlib import Path
 
-from .serial_bench import GADGET
+import capture.cli  # noqa: F401 - for the programs
+from capture.__main__ import main
+
+from .serial_bench import GADGET, wait_for
 
 VIDEO = "/dev/video9"
 SHARED = Path("/mnt")
@@ -45,26 +49,51 @@ timestamp_marks = "writer"
 """
 
 
-def ps4rig(*arguments: object) -> list[str]:
-    return [sys.executable, "-m", "capture", *map(str, arguments)]
+class ForkedProgram:
+    """A ``ps4rig`` that shares the imports of this process.
+
+    An interpreter of its own would take the guest half a minute to start.
+    """
+
+    def __init__(self, *arguments: object) -> None:
+        self._stdout, self._stderr = os.memfd_create("stdout"), os.memfd_create("stderr")
+        self.process = get_context("fork").Process(target=self._run, args=arguments)
+        self.process.start()
+
+    def _run(self, *arguments: object) -> None:
+        os.dup2(self._stdout, 1)
+        os.dup2(self._stderr, 2)
+        sys.argv = ["ps4rig", *map(str, arguments)]
+        main()
+
+    def printed(self) -> str:
+        """All of its standard output."""
+        return _text_in(self._stdout)
+
+    def end(self) -> tuple[int | None, str]:
+        """Wait for its end; return the exit status and what it printed to standard error."""
+        self.process.join()
+        return self.process.exitcode, _text_in(self._stderr)
+
+
+def _text_in(file: int) -> str:
+    return os.pread(file, 1 << 16, 0).decode()
 
 
 @contextmanager
-def simulated_rig(
-    config: Path, serial: str, surface: str = SURFACE
-) -> Iterator[subprocess.Popen[str]]:
+def simulated_rig(config: Path, serial: str, surface: str = SURFACE) -> Iterator[ForkedProgram]:
     """Run ``ps4rig rig simulate`` as a process, and end it with Ctrl-C."""
-    command = ps4rig(
+    program = ForkedProgram(
         *("rig", "simulate", "--rig", config, "--serial", serial, "--camera", f"v4l2:{VIDEO}"),
         *("--surface", surface, "--seed", SEED, "--rotate", ROTATE_DEG),
     )
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-        try:
-            said = [process.stdout.readline() for _ in range(2)]
-            assert said[0] == f"lights: {serial}\n", process.stderr.read()
-            assert said[1].startswith(f"camera: v4l2:{VIDEO}, Y16 {SIDE_PX}x{SIDE_PX}"), said
-            yield process
-        finally:
-            process.send_signal(signal.SIGINT)
+    try:
+        wait_for(lambda: program.printed().count("\n") == 2 or not program.process.is_alive())
+        lights, camera = program.printed().splitlines()
+        assert lights == f"lights: {serial}"
+        assert camera.startswith(f"camera: v4l2:{VIDEO}, Y16 {SIDE_PX}x{SIDE_PX}"), camera
+        yield program
+    finally:
+        if program.process.is_alive():
+            os.kill(program.process.pid, signal.SIGINT)
+        program.end()

@@ -3,9 +3,9 @@
 The firmware answers at the far end of a USB gadget, and frames come out of v4l2loopback.
 """
 
+import os
 import re
 import signal
-import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import closing
@@ -14,8 +14,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from capture import capture_set
 from firmware_sim import RealClock, SimulatedBoard, SimulatedController, serve_tty
-from rig import CameraError, load_config
+from rig import CameraError, RigConfig, load_config, open_rig
 from rig.cameras.v4l2.camera import V4l2Camera
 from rig.cameras.v4l2.output import V4l2Output
 from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS
@@ -27,11 +28,11 @@ from tests.hil.guest.loop_bench import (
     SHARED,
     SIDE_PX,
     VIDEO,
-    ps4rig,
+    ForkedProgram,
     rig_toml,
     simulated_rig,
 )
-from tests.hil.guest.serial_bench import GADGET, Gadget, port_of
+from tests.hil.guest.serial_bench import GADGET, Gadget, port_of, wait_for
 
 
 @pytest.fixture(scope="module")
@@ -47,15 +48,23 @@ def config(gadget: Gadget) -> Path:
     return path
 
 
+@pytest.fixture(scope="module", autouse=True)
+def imports() -> None:
+    """What the programs need, loaded once: they are forks of this process."""
+    size = {"width_px": SIDE_PX, "height_px": SIDE_PX, "bits": 16}
+    with open_rig(RigConfig().with_changes(camera=size)) as rig:
+        capture_set(rig).save(Path("/dev/shm/imports.ome.tif"))
+
+
 @pytest.fixture(scope="module")
-def simulation(gadget: Gadget, config: Path) -> Iterator[subprocess.Popen[str]]:
+def simulation(gadget: Gadget, config: Path) -> Iterator[ForkedProgram]:
     with simulated_rig(config, gadget.far_end) as process:
         yield process
 
 
 @pytest.fixture
-def camera(simulation: subprocess.Popen[str], config: Path) -> Iterator[V4l2Camera]:
-    assert simulation.poll() is None
+def camera(simulation: ForkedProgram, config: Path) -> Iterator[V4l2Camera]:
+    assert simulation.process.is_alive()
     opened = V4l2Camera(load_config(config).camera)
     yield opened
     opened.close()
@@ -109,21 +118,22 @@ def test_a_format_that_the_driver_does_not_have_is_named(name: str) -> None:
 
 
 def test_sets_are_captured_through_real_devices_also_after_a_kill(
-    simulation: subprocess.Popen[str], config: Path
+    simulation: ForkedProgram, config: Path
 ) -> None:
-    def capture(count: int, name: str) -> list[str]:
-        return ps4rig("capture", "--rig", config, "--count", count, SHARED / f"{name}.ome.tif")
+    def capture(count: int, name: str) -> ForkedProgram:
+        return ForkedProgram(
+            "capture", "--rig", config, "--count", count, SHARED / f"{name}.ome.tif"
+        )
 
-    with subprocess.Popen(capture(99, "killed"), stderr=subprocess.PIPE, text=True) as process:
-        while not list(SHARED.glob("killed-*.ome.tif")):
-            assert process.poll() is None, process.stderr.read()
-            time.sleep(PERIOD_S)
-        process.kill()
+    killed = capture(99, "killed")
+    wait_for(lambda: list(SHARED.glob("killed-*.ome.tif")) or not killed.process.is_alive())
+    assert killed.process.is_alive(), killed.end()
+    killed.process.kill()
+    killed.end()
     # The next program puts the LED out, and the camera is free again.
-    done = subprocess.run(capture(SETS, "part"), capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
+    assert capture(SETS, "part").end() == (0, "")
     assert len(list(SHARED.glob("part-*.ome.tif"))) == SETS
-    assert simulation.poll() is None
+    assert simulation.process.is_alive()
 
 
 def test_exposures_start_whole_periods_apart(camera: V4l2Camera) -> None:
@@ -135,14 +145,14 @@ def test_exposures_start_whole_periods_apart(camera: V4l2Camera) -> None:
 
 
 def test_a_stopped_simulation_sends_no_burst_when_it_continues(
-    simulation: subprocess.Popen[str], camera: V4l2Camera
+    simulation: ForkedProgram, camera: V4l2Camera
 ) -> None:
     camera.read(3.0)
-    simulation.send_signal(signal.SIGSTOP)
+    os.kill(simulation.process.pid, signal.SIGSTOP)
     stopped_s = time.monotonic()
     time.sleep(8 * PERIOD_S)
     continued_s = time.monotonic()
-    simulation.send_signal(signal.SIGCONT)
+    os.kill(simulation.process.pid, signal.SIGCONT)
     starts = [camera.read(3.0).exposure_start_s for _ in range(5)]
     # One frame may have been on its way into the device.
     assert [s for s in starts if stopped_s + PERIOD_S < s < continued_s - 2 * PERIOD_S] == []
@@ -180,19 +190,19 @@ def test_a_device_that_takes_no_frames_is_named() -> None:
         opened_output("GREY", 64, 64, "/dev/null")
 
 
-def test_ctrl_c_ends_it_with_a_count_of_its_frames(simulation: subprocess.Popen[str]) -> None:
+def test_ctrl_c_ends_it_with_a_count_of_its_frames(simulation: ForkedProgram) -> None:
     # The checks above need the process, and those below the devices.
-    simulation.send_signal(signal.SIGINT)
-    _, said = simulation.communicate(timeout=20.0)
-    assert simulation.returncode == 0
+    os.kill(simulation.process.pid, signal.SIGINT)
+    status, said = simulation.end()
+    assert status == 0
     assert re.fullmatch(r"no LED lit, \d+ frames written, \d+ too late\n", said)
 
 
 def test_dark_frames_are_measured_through_real_devices(gadget: Gadget, config: Path) -> None:
     covered = SHARED / "covered.toml"
     covered.write_text(f"{rig_toml()}\n[simulation]\nhot_pixels = {HOT_PIXELS}\n")
-    command = ps4rig("calibrate", "dark", "--rig", config, "--yes", SHARED / "rig.ps4cal")
     with simulated_rig(covered, gadget.far_end, "lens_cap") as simulation:
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        assert simulation.poll() is None
+        calibrate = ("calibrate", "dark", "--rig", config, "--yes", SHARED / "rig.ps4cal")
+        status, said = ForkedProgram(*calibrate).end()
+        assert status == 0, said
+        assert simulation.process.is_alive()
