@@ -3,7 +3,6 @@
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
-from unittest import mock
 
 import pytest
 
@@ -18,16 +17,14 @@ from capture.station.judge.fault_study import large_faults
 from capture.station.judge.inspector import Inspector
 from capture.station.judge.teaching.teaching import teach
 from capture.station.judge.teaching.teaching_result import Teaching
-from classify.defects import detectability
 from tests.capture.station.production import configure
 from tests.capture.station.stations import small_set
-from tests.capture.station.teaching_sets import SIDE_PX, saved
+from tests.capture.station.teaching_sets import SIDE_PX, few_places, saved
 
 
 @pytest.fixture(scope="session", autouse=True)
-def few_places() -> Iterator[None]:
-    """Teach faster: strengths that are found are tested in `tests/classify/defects`."""
-    with mock.patch.multiple(detectability, _MIN_PLACES=4, _MAX_PLACES=4):
+def teaches_faster() -> Iterator[None]:
+    with few_places():
         yield
 
 

@@ -23,7 +23,7 @@ from capture.station.run.live_view import LiveEvent
 from capture.station.run.run import run_station
 from capture.station.run.triggers import TimerTrigger
 from rig import RigConfig
-from tests.capture.station.teaching_sets import SIDE_PX, acknowledge_faults, saved
+from tests.capture.station.teaching_sets import SIDE_PX, acknowledge_faults, few_places, saved
 
 SMALL_RIG = RigConfig().with_changes(camera={"width_px": SIDE_PX, "height_px": SIDE_PX})
 VIRTUAL = SMALL_RIG.with_changes(simulation={"clock": "virtual"})
@@ -36,8 +36,9 @@ def taught_station(folder: Path, side_px: int = SIDE_PX, **config: object) -> Pa
     files = StationFolder(folder).recipe_files()
     rock = saved(folder / "shown", "rock", range(7), side_px)
     sand = saved(folder / "shown", "sand", range(3), side_px)
-    teach(files, rock[:6])
-    teach(files, sand[:2], "loose sand")
+    with few_places():
+        teach(files, rock[:6])
+        teach(files, sand[:2], "loose sand")
     acknowledge_faults(files)
     add_to_challenge(files.challenge, rock[6:], "PASS")
     add_to_challenge(files.challenge, sand[2:], "FAIL")

@@ -1,16 +1,24 @@
 """Captured sets for tests of teaching: small patches of simulated textures."""
 
+from contextlib import AbstractContextManager
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 
 from capture import CapturedSet, capture_set
 from capture.station.domain.recipe_file import RecipeFolder, read_recipe, write_recipe
 from capture.station.judge.fault_study import FAULTS
+from classify.defects import detectability
 from rig import RigConfig, open_rig
 
 # The smallest frame that a defect model learns from.
 SIDE_PX = 256
+
+
+def few_places() -> AbstractContextManager[object]:
+    """Teach faster: strengths that are found are tested in `tests/classify/defects`."""
+    return mock.patch.multiple(detectability, _MIN_PLACES=4, _MAX_PLACES=4)
 
 
 def acknowledge_faults(files: RecipeFolder) -> None:
