@@ -22,7 +22,9 @@ def frames(count: int, *faults: dict[str, Any]) -> list[Frame]:
         return [rig.camera.read(1.0) for _ in range(count)]
 
 
-GOOD = frames(8)
+@pytest.fixture(scope="module")
+def good() -> list[Frame]:
+    return frames(8)
 
 
 @pytest.mark.parametrize(
@@ -47,17 +49,17 @@ def test_a_frame_that_is_not_delivered_is_not_repeated_either(kind: str) -> None
                     rig.camera.read(1.0)
 
 
-def test_repeated_pixels_have_a_new_sequence_number() -> None:
+def test_repeated_pixels_have_a_new_sequence_number(good: list[Frame]) -> None:
     faulty = frames(4, {"kind": "repeated_pixels", "when": {"nth": 3}})
     assert [frame.sequence for frame in faulty] == [0, 1, 2, 3]
-    np.testing.assert_array_equal(faulty[2].pixels, GOOD[1].pixels)
-    np.testing.assert_array_equal(faulty[3].pixels, GOOD[3].pixels)
+    np.testing.assert_array_equal(faulty[2].pixels, good[1].pixels)
+    np.testing.assert_array_equal(faulty[3].pixels, good[3].pixels)
 
 
-def test_a_torn_frame_ends_with_rows_of_an_older_one() -> None:
+def test_a_torn_frame_ends_with_rows_of_an_older_one(good: list[Frame]) -> None:
     torn = frames(5, {"kind": "torn", "row_share": 0.25, "frames_back": 2, "when": {"nth": 4}})[3]
-    np.testing.assert_array_equal(torn.pixels[:8], GOOD[3].pixels[:8])
-    np.testing.assert_array_equal(torn.pixels[8:], GOOD[1].pixels[8:])
+    np.testing.assert_array_equal(torn.pixels[:8], good[3].pixels[:8])
+    np.testing.assert_array_equal(torn.pixels[8:], good[1].pixels[8:])
 
 
 def test_a_black_frame_is_zero_and_a_dark_one_has_noise() -> None:
@@ -67,18 +69,18 @@ def test_a_black_frame_is_zero_and_a_dark_one_has_noise() -> None:
     assert dark.std() == pytest.approx(2.0, rel=0.1)
 
 
-def test_a_late_stamp_is_shifted_and_a_late_frame_delayed() -> None:
+def test_a_late_stamp_is_shifted_and_a_late_frame_delayed(good: list[Frame]) -> None:
     late = frames(3, {"kind": "stamped_late", "delay_ms": 7.0, "when": {"nth": 2}})
-    assert late[1].exposure_start_s == pytest.approx(GOOD[1].exposure_start_s + 0.007)
-    assert late[2].exposure_start_s == pytest.approx(GOOD[2].exposure_start_s)
+    assert late[1].exposure_start_s == pytest.approx(good[1].exposure_start_s + 0.007)
+    assert late[2].exposure_start_s == pytest.approx(good[2].exposure_start_s)
     assert frames(2, {"kind": "late", "delay_ms": 500.0})[1].sequence == 1
 
 
-def test_a_drifting_exposure_grows_by_its_rate() -> None:
+def test_a_drifting_exposure_grows_by_its_rate(good: list[Frame]) -> None:
     drifting = frames(8, {"kind": "drift", "rate_per_s": 0.6})
     black = 4095 / 64
-    for frame, good in zip(drifting, GOOD, strict=True):
-        gain = (frame.pixels.mean() - black) / (good.pixels.mean() - black)
+    for frame, steady in zip(drifting, good, strict=True):
+        gain = (frame.pixels.mean() - black) / (steady.pixels.mean() - black)
         assert gain == pytest.approx(1.0 + 0.6 * frame.exposure_start_s, rel=2e-3)
 
 
