@@ -7,11 +7,15 @@ import cv2
 import numpy as np
 
 from classify import Lighting
-from classify.base.arrays import BoolArray
+from classify.base.arrays import BoolArray, FloatMap
 from rig.image_metadata import ImageMetadata
 
 # Slant up to which a warning comes. Lights of microscopes and copy stands have 10 degrees and more.
 _SMALL_SLANT_DEG = 5.0
+# Largest difference of the shares of red, green and blue of a pixel under two lights. White
+# balances that differ by 10 to 20 % in red and blue change normals by 1.6 degrees.
+_MAX_COLOUR_CHANGE = 0.05
+_MIN_LIGHT = 0.02  # of full scale; less is noise
 
 
 def file_warnings(metadata: Sequence[ImageMetadata]) -> list[str]:
@@ -37,6 +41,25 @@ def exposure_warnings(exposures_ms: Sequence[float]) -> list[str]:
         return []
     text = f"the files state exposures of {min(exposures_ms):.4g} to {max(exposures_ms):.4g} ms"
     return [f"{text}; expose all alike, or give intensities by --lights that contain them"]
+
+
+def colour_warnings(colours: Sequence[FloatMap], count: int) -> list[str]:
+    """Warn if pixels have another colour under some of `count` lights; an ambient image follows."""
+    if not colours:
+        return []
+    rgb = np.stack(colours[:count]) - (colours[count] if len(colours) > count else 0.0)
+    sums = rgb.sum(axis=2, keepdims=True)
+    usable = (sums > 3.0 * _MIN_LIGHT).all(axis=(0, 2))  # false for NaN
+    if not usable.any():
+        return []
+    shares = rgb[:, usable] / sums[:, usable]
+    # Shading and albedo cancel.
+    changes = np.median(shares - shares.mean(axis=0), axis=1) / np.median(shares, axis=(0, 1))
+    change = float(np.ptp(changes, axis=0).max())
+    if change <= _MAX_COLOUR_CHANGE:
+        return []
+    text = f"the colours of a pixel differ by {change:.0%} between the photographs, as by an"
+    return [f"{text} automatic white balance; fix it, or give DNG"]
 
 
 def slant_warnings(lighting: Lighting) -> list[str]:

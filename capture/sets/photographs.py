@@ -13,7 +13,7 @@ import numpy.typing as npt
 from capture.base.errors import SetRejected
 from capture.base.utc_time import utc_text
 from classify import Calibration, InputError, Lighting
-from classify.base.arrays import Array, BoolArray
+from classify.base.arrays import Array, BoolArray, FloatMap
 from classify.base.regular_file import read_regular_file
 from classify.lights.algebra import require_solvable
 from classify.methods import checked_label
@@ -25,6 +25,7 @@ from .captured_set import CapturedSet
 from .image_checks import LightImages, check_photographs
 from .metadata import ImageRecord, LightingRecord, SetMetadata
 from .photograph_warnings import (
+    colour_warnings,
     exposure_warnings,
     file_warnings,
     outline_warnings,
@@ -40,6 +41,7 @@ EXPORTED_METADATA = "metadata.json"
 _MAX_METADATA_BYTES = 1 << 24
 
 DNG = ".dng"
+_SAMPLES = 64  # along each side
 # Depths of common sensors, from which that of a file of 16 bits is guessed.
 _DEPTHS = (8, 10, 12, 14, 16)
 
@@ -49,6 +51,7 @@ class Photographs:
     """Photographs of one frame, linear in light."""
 
     planes: list[npt.NDArray[np.uint16]]  # (H, W) uint16 each
+    colours: list[FloatMap]  # (n, 3) linear samples of each, NaN if saturated; empty if any is grey
     bit_depth: int
     full_scale: int  # saturated value in `planes`
     depth_guessed_from: int | None  # largest value in the files, if the depth was guessed from it
@@ -79,15 +82,18 @@ def read_photographs(
     if (gamma, source) == ("srgb", "stated"):
         bits = bits or 8 * images[0].dtype.itemsize  # sRGB fills the depth of the file
     bit_depth, full_scale, largest = (16, 65535, None) if dng_count else _depth(images, bits)
-    if gamma == "srgb" or any(image.ndim == 3 for image in images):
-        planes = [_linear_luminance(image, full_scale, gamma == "srgb") for image in images]
+    is_srgb = gamma == "srgb"
+    is_colour = [image.ndim == 3 for image in images]
+    colours = [_colours(image, full_scale, is_srgb) for image in images] if all(is_colour) else []
+    if is_srgb or any(is_colour):
+        planes = [_linear_luminance(image, full_scale, is_srgb) for image in images]
         full_scale = 65535
     else:
         planes = [image.astype(np.uint16) for image in images]
     rows, columns = frames[0].shape[:2]
     capture_date = next(filter(None, (file.capture_date for file in metadata)), None)
     return Photographs(
-        planes, bit_depth, full_scale, largest, gamma, source, (rows, columns),
+        planes, colours, bit_depth, full_scale, largest, gamma, source, (rows, columns),
         metadata[0].orientation, capture_date,
         tuple(file.exposure_ms for file in metadata if file.exposure_ms is not None),
         (*warnings, *file_warnings(metadata)),
@@ -223,12 +229,25 @@ def _guessed_depth(largest: int, used_bits: int) -> int:
     return next(depth for depth in _DEPTHS if largest < 1 << depth)
 
 
-def _linear_luminance(image: Array, full_scale: int, srgb: bool) -> npt.NDArray[np.uint16]:
+def _linear(image: Array, full_scale: int, srgb: bool) -> FloatMap:
     levels = np.arange(np.iinfo(image.dtype).max + 1, dtype=np.float32) / np.float32(full_scale)
     levels = np.minimum(levels, np.float32(1.0))
     if srgb:
         levels = linear_from_srgb(levels)
-    linear = levels[image]
+    return np.asarray(levels[image], np.float32)
+
+
+def _colours(image: Array, full_scale: int, srgb: bool) -> FloatMap:
+    """Linear colours of the pixels on a grid, NaN if saturated."""
+    row_step, column_step = (max(1, side // _SAMPLES) for side in image.shape[:2])
+    samples = image[::row_step, ::column_step].reshape(-1, 3)
+    colours = _linear(samples, full_scale, srgb)
+    colours[(samples >= full_scale).any(axis=1)] = np.nan
+    return colours
+
+
+def _linear_luminance(image: Array, full_scale: int, srgb: bool) -> npt.NDArray[np.uint16]:
+    linear = _linear(image, full_scale, srgb)
     is_colour = image.ndim == 3
     brightest = image.max(axis=2) if is_colour else image
     luminances = luminance(linear) if is_colour else linear
@@ -347,6 +366,7 @@ def import_images(
             *photographs.warnings,
             *_depth_warnings(photographs),
             *exposure_warnings(photographs.exposures_ms),
+            *colour_warnings(photographs.colours, len(lighting)),
             *slant_warnings(lighting),
             *outline_warnings(mask, part_mask),
             *(finding.text for finding in findings),

@@ -292,6 +292,20 @@ def test_iso_values_and_f_numbers_that_differ_are_named(
         assert any(text in warning for warning in warnings) == is_named
 
 
+@pytest.mark.parametrize(("gain", "is_named"), [(1.0, False), (0.9, True)])
+def test_a_white_balance_that_differs_is_named(
+    four: Photographs, tmp_path: Path, gain: float, is_named: bool
+) -> None:
+    image = pattern(np.uint16, 3) // 2
+    paths = four(image)
+    blue, *others = np.moveaxis(image, -1, 0)
+    balanced = np.dstack([gain * blue, *others]).astype(np.uint16)
+    paths[2] = written(tmp_path / "balanced.png", balanced)
+    ambient = written(tmp_path / "ambient.png", image[:, :, ::-1] // 20)
+    warnings = stored(paths, ambient=ambient).metadata.warnings
+    assert any("automatic white balance" in text for text in warnings) == is_named
+
+
 def test_a_file_name_that_is_not_utf_8_is_escaped(four: Photographs, tmp_path: Path) -> None:
     paths = four(pattern(np.uint8))
     paths[3] = paths[3].rename(tmp_path / "odd\udcff.png")
