@@ -12,9 +12,9 @@ from rig.image_metadata import ImageMetadata
 
 # Slant up to which a warning comes. Lights of microscopes and copy stands have 10 degrees and more.
 _SMALL_SLANT_DEG = 5.0
-# Largest difference of the shares of red, green and blue of a pixel under two lights. White
-# balances that differ by 10 to 20 % in red and blue change normals by 1.6 degrees.
-_MAX_COLOUR_CHANGE = 0.05
+# Largest difference of the share of red, green or blue in a pixel under two lights. White balances
+# that differ by 10 to 20 % in red and blue change it by 0.07, and normals by 1.6 degrees.
+_MAX_COLOUR_CHANGE = 0.02
 _MIN_LIGHT = 0.02  # of full scale; less is noise
 
 
@@ -54,12 +54,13 @@ def colour_warnings(colours: Sequence[FloatMap], count: int) -> list[str]:
         return []
     shares = rgb[:, usable] / sums[:, usable]
     # Shading and albedo cancel.
-    changes = np.median(shares - shares.mean(axis=0), axis=1) / np.median(shares, axis=(0, 1))
-    change = float(np.ptp(changes, axis=0).max())
+    change = float(np.ptp(np.median(shares - shares.mean(axis=0), axis=1), axis=0).max())
     if change <= _MAX_COLOUR_CHANGE:
         return []
-    text = f"the colours of a pixel differ by {change:.0%} between the photographs, as by an"
-    return [f"{text} automatic white balance; fix it, or give DNG"]
+    text = (
+        f"the share of a colour in a pixel differs by {change:.0%} between the photographs, as by"
+    )
+    return [f"{text} an automatic white balance; fix it, or give DNG"]
 
 
 def slant_warnings(lighting: Lighting) -> list[str]:

@@ -292,11 +292,15 @@ def test_iso_values_and_f_numbers_that_differ_are_named(
         assert any(text in warning for warning in warnings) == is_named
 
 
-@pytest.mark.parametrize(("gain", "is_named"), [(1.0, False), (0.9, True)])
+@pytest.mark.parametrize(
+    ("gain", "light", "is_named"), [(1.0, 1, False), (0.8, 1, True), (0.8, 0, False)]
+)
 def test_a_white_balance_that_differs_is_named(
-    four: Photographs, tmp_path: Path, gain: float, is_named: bool
+    four: Photographs, tmp_path: Path, gain: float, light: int, is_named: bool
 ) -> None:
+    """Light without blue has one colour under every white balance."""
     image = pattern(np.uint16, 3) // 2
+    image[:, :, 0] *= light
     paths = four(image)
     blue, *others = np.moveaxis(image, -1, 0)
     balanced = np.dstack([gain * blue, *others]).astype(np.uint16)
