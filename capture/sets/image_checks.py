@@ -241,9 +241,10 @@ def _listed(names: Collection[str]) -> str:
 def _mosaic(images: LightImages) -> Iterator[_Finding]:
     """Warn of raw images of a colour camera, in which neighbours see different colours."""
     brightest = images.images[int(images.signals.argmax())]
-    means = [_mean(brightest[row::2, column::2]) for row in (0, 1) for column in (0, 1)]
-    difference = 1.0 - min(means) / max(*means, 1e-9)
-    if difference > _MOSAIC:
+    cells = [brightest[row::2, column::2] for row in (0, 1) for column in (0, 1)]
+    means = [_mean(cell) for cell in cells if cell.size]
+    if min(means) < (1.0 - _MOSAIC) * max(means):
+        difference = 1.0 - min(means) / max(means)
         text = (
             f"neighbouring pixels differ by {difference:.0%}, as in the raw image of a colour "
             "camera; give images in colour, or the raw ones as DNG"

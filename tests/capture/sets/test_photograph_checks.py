@@ -136,6 +136,17 @@ def test_the_mosaic_of_a_colour_camera_is_a_warning(tmp_path: Path) -> None:
     assert any(re.match(r"neighbouring pixels differ by (49|5\d)%", text) for text in warnings)
 
 
+def test_black_photographs_and_those_of_one_row_have_no_mosaic(tmp_path: Path) -> None:
+    paths = [tmp_path / f"{number}.png" for number in range(4)]
+    lighting = Lighting.ring(40.0)
+    for value, shape in ((0, (40, 40)), (100, (1, 40))):
+        for path in paths:
+            cv2.imwrite(str(path), np.full(shape, value, np.uint8))
+        accept = ["dark", "equal-images", "residual"]
+        warnings = import_images(paths, lighting, gamma="linear", accept=accept).metadata.warnings
+        assert not any("neighbouring pixels" in text for text in warnings)
+
+
 def test_photographs_clipped_below_full_scale_are_a_warning(tmp_path: Path) -> None:
     clipped = changed(
         tmp_path, 2, lambda image: np.minimum(image, int(np.quantile(image, 0.97))).astype(np.uint8)
