@@ -29,7 +29,7 @@ def _solved_height(loaded: LoadedSet) -> tuple[SurfaceEstimate, FloatMap]:
         raise SetRejected(
             f"{loaded.captured.path}: no pixel can be solved; check exposure and lights"
         )
-    height = integrate_gradients(surface.p, surface.q)
+    height = integrate_gradients(surface.p, surface.q, surface.valid)
     height[~surface.valid] = np.nan
     return surface, height
 

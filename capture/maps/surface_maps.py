@@ -56,7 +56,7 @@ class SurfaceMaps:
     @cached_property
     def height(self) -> FloatMap:
         """Height from the gradients alone, zero mean."""
-        height = integrate_gradients(self.surface.p, self.surface.q)
+        height = integrate_gradients(self.surface.p, self.surface.q, self.surface.valid)
         height *= self.length_per_px
         return height
 

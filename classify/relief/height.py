@@ -7,24 +7,32 @@ from classify.base.arrays import BoolArray, FloatMap
 from classify.base.errors import InputError
 from classify.base.threads import thread_count
 
+# Iterations end when the error has this share of its first value. Masks took up to 16.
+_TOLERANCE, _MAX_ITERATIONS = 1e-4, 50
 
-def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
+
+def integrate_gradients(p: FloatMap, q: FloatMap, valid: BoolArray | None = None) -> FloatMap:
     """Relative height of zero mean with the least squared gradient error.
 
     Slopes at half pixels are means of neighbouring p (q). The height whose differences are nearest
     to them solves Poisson's equation with free boundaries, which the cosine transform does exactly
     and in one step (Simchony, Chellappa and Shao 1990). It does not assume a periodic frame, as
     the Fourier transform of Frankot and Chellappa (1988) does: on a frame that is not periodic its
-    error is a quarter of the height (tests/classify/relief/test_height.py).
+    error is a quarter of the height (tests/classify/relief/test_height.py). Slopes beside pixels
+    that are not valid have no weight: the transform then preconditions conjugate gradients, which
+    bridge them smoothly.
 
     Parameters
     ----------
     p, q
         (H, W) float32 dz/dx and dz/dy, y up, finite.
+    valid
+        (H, W) bool; pixels with a known slope, by default all.
 
     Returns
     -------
-    (H, W) float32, pixels. Constant slopes are kept; the mean height is not determined.
+    (H, W) float32, pixels. Constant slopes are kept; the mean height is not determined, nor are the
+    levels of areas that are not connected.
 
     Raises
     ------
@@ -33,18 +41,54 @@ def integrate_gradients(p: FloatMap, q: FloatMap) -> FloatMap:
     """
     if p.shape != q.shape or p.ndim != 2 or p.size == 0:
         raise InputError(f"p is {p.shape} and q {q.shape}; both must be (rows, columns)")
+    if valid is not None and valid.shape != p.shape:
+        raise InputError(f"valid is {valid.shape} and p {p.shape}; both must be (rows, columns)")
     if not (np.isfinite(p).all() and np.isfinite(q).all()):
         raise InputError("the gradients contain NaN or infinity; set such pixels to 0 first")
-    rows, columns = p.shape
-    divergence = np.zeros((rows, columns), dtype=np.float32)
     along_x = 0.5 * (p[:, 1:] + p[:, :-1])
-    divergence[:, :-1] += along_x
-    divergence[:, 1:] -= along_x
     # Rows run down and y runs up, hence the sign of q.
     along_rows = -0.5 * (q[1:, :] + q[:-1, :])
+    if valid is None or valid.all():
+        return _poisson(_divergence(along_x, along_rows))
+    known_x, known_rows = valid[:, 1:] & valid[:, :-1], valid[1:, :] & valid[:-1, :]
+    residual = _divergence(along_x * known_x, along_rows * known_rows)
+    height = np.zeros_like(residual)
+    direction = solved = _poisson(residual)
+    error = _product(residual, solved)
+    smallest = _TOLERANCE**2 * error
+    for _ in range(_MAX_ITERATIONS):
+        if error <= smallest:
+            break
+        change = _divergence(
+            np.diff(direction, axis=1) * known_x, np.diff(direction, axis=0) * known_rows
+        )
+        step = np.float32(error / _product(direction, change))
+        height += step * direction
+        residual -= step * change
+        solved = _poisson(residual)
+        previous, error = error, _product(residual, solved)
+        direction = solved + np.float32(error / previous) * direction
+    return height
+
+
+def _product(one: FloatMap, other: FloatMap) -> float:
+    """Inner product without its sign, which is negative: `_divergence` is of differences."""
+    return abs(float(np.multiply(one, other).sum(dtype=np.float64)))
+
+
+def _divergence(along_x: FloatMap, along_rows: FloatMap) -> FloatMap:
+    """(H, W) divergence of differences to the next column and the next row."""
+    divergence = np.zeros((along_x.shape[0], along_rows.shape[1]), np.float32)
+    divergence[:, :-1] += along_x
+    divergence[:, 1:] -= along_x
     divergence[:-1, :] += along_rows
     divergence[1:, :] -= along_rows
+    return divergence
 
+
+def _poisson(divergence: FloatMap) -> FloatMap:
+    """Height of zero mean with this divergence of its differences, with free boundaries."""
+    rows, columns = divergence.shape
     spectrum = scipy.fft.dctn(divergence, type=2, norm="ortho", workers=thread_count())
     eigenvalues = _second_difference_eigenvalues(rows)[:, None] + _second_difference_eigenvalues(
         columns

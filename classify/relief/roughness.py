@@ -82,7 +82,7 @@ def surface_roughness(surface: SurfaceEstimate, height: FloatMap | None = None) 
     if count == 0:
         raise InputError("no pixel of this surface is valid; check exposure and lights")
     if height is None:
-        height = integrate_gradients(surface.p, surface.q)
+        height = integrate_gradients(surface.p, surface.q, surface.valid)
     if height.shape != surface.shape:
         raise InputError(f"the height is {height.shape}, the surface {surface.shape}")
     zero = np.float32(0.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.ndimage import gaussian_filter
 
 from classify import InputError, integrate_gradients
 
@@ -80,3 +81,28 @@ def test_unusable_gradients_are_named() -> None:
     for bad in (np.nan, np.inf):
         with pytest.raises(InputError, match="NaN or infinity"):
             integrate_gradients(ones, np.where(ones == 1, bad, ones).astype(np.float32))
+
+
+@pytest.mark.parametrize("shape", ["disc", "ring", "scattered"])
+def test_slopes_of_pixels_that_are_not_valid_have_no_weight(shape: str) -> None:
+    rng = np.random.default_rng(5)
+    truth = gaussian_filter(rng.standard_normal((120, 160)), 8.0) * 100.0
+    y, x = np.mgrid[:120, :160]
+    radius = np.hypot(x - 70, y - 60)
+    valid = {
+        "disc": radius < 40, "ring": (radius > 35) & (radius < 45),
+        "scattered": rng.random(truth.shape) > 0.1,
+    }[shape]  # fmt: skip
+    p, q = np.gradient(truth, axis=1), -np.gradient(truth, axis=0)
+    known = [np.where(valid, slope, 0.0).astype(np.float32) for slope in (p, q)]
+    error = (integrate_gradients(*known, valid) - truth)[valid]
+    assert error.std() < 0.005 * np.ptp(truth[valid])
+    ignored = [np.where(valid, slope, 9.0).astype(np.float32) for slope in (p, q)]
+    np.testing.assert_array_equal(
+        integrate_gradients(*ignored, valid), integrate_gradients(*known, valid)
+    )
+
+
+def test_no_valid_pixel_gives_a_level_height() -> None:
+    slope = np.ones((4, 5), np.float32)
+    assert not integrate_gradients(slope, slope, np.zeros((4, 5), np.bool_)).any()
