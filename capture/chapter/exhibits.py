@@ -60,18 +60,15 @@ def reproduce(
 
 def _exhibits(results: Results) -> Iterator[Exhibit]:
     """Make all figures and tables in the order of the page."""
-    summary, *accuracy = _accuracy_exhibits(results)
-    yield summary
-    yield from sorted([*accuracy, *_surface_exhibits(results)], key=lambda exhibit: exhibit.key)
-
-
-def _accuracy_exhibits(results: Results) -> Iterator[Exhibit]:
-    """Make a summary and the exhibits in the order of the chapter."""
     yield _summary(results)
-    yield _by_slant(results)
-    yield _by_texture(results)
-    yield _one_against_two_dimensions(results)
-    yield _against_textons(results)
+    exhibits = [
+        _by_slant(results),
+        _by_texture(results),
+        _one_against_two_dimensions(results),
+        _against_textons(results),
+        *_surface_exhibits(results),
+    ]
+    yield from sorted(exhibits, key=lambda exhibit: exhibit.key)
 
 
 def _title(solver: str, classifier: str) -> str:
