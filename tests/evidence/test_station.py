@@ -16,7 +16,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 # Productions that run at the same time.
-LONG = {"endurance": ["--parts", "500"], "faults": ["--parts", "500"]}
+LONG = {"endurance": ["--parts", "500"], "faults": ["--parts", "300"]}
 
 
 @pytest.mark.parametrize(
