@@ -15,14 +15,14 @@ from .normal_errors import SURFACES, step_errors
 from .procedures import calibrated
 from .rigs import Conditions
 
-SIZE_PX = 512
+# The outline of a ball needs more pixels.
+SIZE_PX, SPHERES_PX = 256, 512
 RIGS = tuple(
     Conditions(fields, bits, gamma, SIZE_PX)
     for bits, gamma in ((12, 1.0), (8, 2.2))
     for fields in (5.0, 2.0)
 )
-DISTANT = Conditions(None, 12, 1.0, SIZE_PX)
-SPHERE_RIGS = (DISTANT, RIGS[0])
+SPHERE_RIGS = tuple(Conditions(fields, 12, 1.0, SPHERES_PX) for fields in (None, 5.0))
 
 
 def reproduce_calibration(output: Path) -> Path:
@@ -38,7 +38,8 @@ def reproduce_calibration(output: Path) -> Path:
     make_folder(output)
     with tempfile.TemporaryDirectory(dir=output, prefix=".calibrations-") as folder:
         paths = {
-            each: Path(folder) / f"{number}.ps4cal" for number, each in enumerate((DISTANT, *RIGS))
+            each: Path(folder) / f"{number}.ps4cal"
+            for number, each in enumerate((*RIGS, *SPHERE_RIGS))
         }
         files = {
             each: calibrated(each, path)
@@ -58,7 +59,7 @@ def reproduce_calibration(output: Path) -> Path:
     facts = {
         "rigs": "; ".join(f"LEDs at {each.fields:g} fields, {each.camera}" for each in RIGS),
         "surfaces": ", ".join(SURFACES),
-        "frames": f"{SIZE_PX} px",
+        "frames": f"{SIZE_PX} px, of spheres {SPHERES_PX} px",
     }
     exhibits = list(calibration_exhibits(errors, lights))
     info = PageInfo("calibration", Path(__file__).with_name("page.html"), simulated=True)
