@@ -119,9 +119,9 @@ def _subtract_excess(
     cx, cy, _ = plane
     one = np.float32(1.0)
     lights, rows, columns = images.shape
-    inner = np.empty(columns, np.float32)  # b . X
     for r in range(rows):
         dark_row = dark[min(r, len(dark) - 1)]
+        inner = b_dot_x[min(r, len(b_dot_x) - 1)]  # b . X
         inner[:] = np.float32(0.0)
         for k in range(lights):
             wx, wy = weights[0, k], weights[1, k] * y[r]
@@ -134,7 +134,6 @@ def _subtract_excess(
             for c in range(columns):
                 raw = images[k, r, c]
                 images[k, r, c] = raw - e * inner[c] if raw < saturation else raw
-        b_dot_x[min(r, len(b_dot_x) - 1)] = inner
 
 
 @kernel
