@@ -3,13 +3,11 @@
 import time
 from contextlib import suppress
 from functools import partial
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from capture.chapter.results import Work, shortest_ms
-from classify import Lighting, Method, TextureLibrary
+from classify import Method, TextureLibrary
 from classify.classifiers import classifier_named
 from classify.texture.fields import texture_fields
 from classify.texture.spectra import field_spectra
@@ -18,6 +16,7 @@ from tests.evidence.benchmark.memory_floor import read_four_write_three
 
 from .measurements import Measurement, Section
 from .scenes import rotated_patch
+from .solvers import drop_darkest, normal_least_squares
 
 # Targets of the project on two cores, by step and side of the frame.
 _WHOLE = "whole, images to match"
@@ -90,27 +89,3 @@ def pipeline_section(library: TextureLibrary, size_px: int, rounds: int) -> Sect
             f"{_TEXTURE} at {_ROTATE_DEG:g} degrees: {library.classify(surface).reason}.",
         ),
     )
-
-
-Array = npt.NDArray[Any]
-
-
-def normal_least_squares(images: Array, lighting: Lighting) -> Array:
-    """(3, pixels) scaled normals by one call of numpy's least squares."""
-    values = images.reshape(len(images), -1)
-    normals: Array = np.linalg.lstsq(lighting.directions, values, rcond=None)[0]
-    return normals
-
-
-def drop_darkest(images: Array, lighting: Lighting) -> tuple[Array, Array, Array]:
-    """Solve PS4 in plain numpy for p, q and albedo: one inverse for each dropped light."""
-    values = images.reshape(len(images), -1).astype(np.float32)
-    darkest = values.argmin(axis=0)
-    normals = np.empty((3, values.shape[1]), np.float32)
-    for light in range(len(images)):
-        others = np.delete(np.arange(len(images)), light)
-        inverse = np.linalg.inv(lighting.directions[others]).astype(np.float32)
-        chosen = darkest == light
-        normals[:, chosen] = inverse @ values[others][:, chosen]
-    x, y, z = normals
-    return -x / z, -y / z, np.linalg.norm(normals, axis=0)

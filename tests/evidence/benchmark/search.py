@@ -1,7 +1,6 @@
 """Time of a match against the size of the library, and recall of the sieve."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from classify.surface.estimate import FloatMap
 
 from .measurements import Measurement, Section
 from .mixtures import SETS_OF_A_CLASS, Mixtures
+from .settings import Settings
 
 # Targets of the project for 100,000 references on two cores.
 _MAX_MATCH_MS, _MAX_OPENING_MS, _MIN_RECALL_PCT = 50.0, 1000.0, 99.9
@@ -23,18 +23,6 @@ _MAX_MATCH_MS, _MAX_OPENING_MS, _MIN_RECALL_PCT = 50.0, 1000.0, 99.9
 _CHUNK = 1024
 
 Indices = npt.NDArray[np.intp]
-
-
-@dataclass(frozen=True)
-class Settings:
-    """Numbers of references, rounds and queries."""
-
-    library_sizes: tuple[int, ...] = (30, 1_000, 10_000)
-    largest_library: int | None = 100_000  # in a file; None leaves it out
-    match_rounds: int = 5
-    match_queries: int = 50
-    recall_queries: int = 1000
-    largest_recall_queries: int = 100
 
 
 def search_section(mixtures: Mixtures, largest: Path | None, settings: Settings) -> Section:
