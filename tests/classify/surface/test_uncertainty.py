@@ -11,7 +11,8 @@ from rig.scene.render import Gloss, SceneImages, render_frame
 from rig.scene.synthetic import synthetic_surface
 from rig.simulation.sensor import SensorModel
 from rig.simulation.simulated_set import SimulatedSet
-from tests.evidence.uncertainty import errors_deg, held
+from tests.angles import normal_errors_deg
+from tests.evidence.uncertainty import held
 
 SIDE = 192
 
@@ -48,7 +49,7 @@ def test_under_low_lights_level_pixels_have_the_largest_errors_and_deviations() 
     steep = replace(surface, height=2 * surface.height, p=2 * surface.p, q=2 * surface.q)
     scene = render_frame(steep, ring, SIDE)
     estimate = solved(SimulatedSet.expose(scene, ring, SensorModel(bit_depth=8), 0))
-    errors, slopes = errors_deg(scene, estimate), np.hypot(scene.p, scene.q)
+    errors, slopes = normal_errors_deg(scene, estimate), np.hypot(scene.p, scene.q)
     level, steepest = slopes < np.quantile(slopes, 0.25), slopes > np.quantile(slopes, 0.75)
     assert errors[level].mean() > 1.4 * errors[steepest].mean()
     assert estimate.angle_sd is not None
