@@ -308,8 +308,8 @@ def compare(first: _Side, second: _Side) -> Comparison:
             if unit == other_unit and difference is not None:
                 maps[name] = difference
         if valid.any():
-            angles = angles_between_deg(first.surface.normals, second.surface.normals)
-            median, p95 = np.percentile(angles[valid], (50, 95))
+            normals = (side.surface.normals[valid] for side in (first, second))
+            median, p95 = np.percentile(angles_between_deg(*normals), (50, 95))
             normals_deg = float(median), float(p95)
     return Comparison(
         first,

@@ -21,7 +21,7 @@ from classify.surface.estimate import FloatMap
 from .features import OCTAVES, PRODUCTS, energy_columns
 
 DEPARTURES = ("missing", "polished", "washed", "stain", "dent")
-"""Low energies: of all, of fine relief, of fine albedo; another level; slopes to a middle."""
+"""No texture, no fine relief, no fine albedo; another log albedo; slopes of a dent or a bump."""
 _MARGIN = 3
 """Width of the border of a part without spots, in cells."""
 
@@ -217,7 +217,7 @@ class SpotModel:
         linear = self.weights.T @ values.reshape(SPOT_VALUES, -1) + self.offsets[:, None]
         departures, sizes = np.split(linear, 2)
         missing = departures[: len(_DECREASES)]
-        np.maximum(missing, 0.0, out=missing)  # not stronger texture
+        np.maximum(missing, 0.0, out=missing)  # stronger texture is no departure
         scores = np.abs(departures) * np.exp(-_bounded(sizes))
         return np.asarray(scores.reshape(-1, *values.shape[1:]), np.float32)
 

@@ -70,7 +70,7 @@ def newest_changes(store: ResultStore, count: int) -> list[ChangeRecord]:
 
 
 class ResultsAccess:
-    """Opens the results on first use, which may not exist yet, and records changes of people.
+    """Opens the results on first use, when they may not exist, and records changes of people.
 
     A change has a row in the results, and a line in ``station.log``.
     """
