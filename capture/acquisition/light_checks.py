@@ -182,6 +182,14 @@ def _check_different(images: LightImages) -> None:
         )
 
 
+def known_levels(checks: ChecksRecord | None) -> tuple[float, ...] | None:
+    """LED levels that the redundancy of the images shows; None if it does not show them."""
+    if checks is None or checks.light_levels_error is None:
+        return None
+    is_known = checks.light_levels_error <= acceptance.MAX_LED_LEVEL_ERROR
+    return checks.light_levels if is_known else None
+
+
 def measured_levels(checks: ChecksRecord) -> tuple[float, ...] | None:
     """LED levels by which the light images must be corrected; None if they need no correction."""
     levels, error = checks.light_levels, checks.light_levels_error

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, fields, replace
 from datetime import UTC, datetime
@@ -11,15 +11,13 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, Self
 
-import cv2
 import numpy as np
-import numpy.typing as npt
 
-from capture.acquisition.light_checks import share_while_off
+from capture.acquisition.light_checks import known_levels, share_while_off
 from capture.calibration.lookup import FoundCalibration
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
-from capture.station.domain.limits import LimitedMeasures, Limits
+from capture.station.domain.limits import LimitedMeasures
 from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.recipe_file import RecipeFolder, file_sha256, read_recipe
 from capture.station.domain.taught import (
@@ -31,26 +29,28 @@ from capture.station.domain.taught import (
 )
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import DefectRecord, PartResult
-from classify import DefectMap, TextureLibrary, regions_of
+from classify import DefectMap, TextureLibrary
 from classify.base.threads import in_background
 from classify.classifiers.joint import ring_means
 from classify.defects.fields import part_fields
-from classify.pieces.features import CELL_PX, band_moments
-from classify.pieces.piece_model import PieceMeasures
+from classify.pieces.features import band_moments
 from classify.surface.tilt_error import tilt_error_deg
 from rig.config.lights import led_names
 
 from .fingerprint import Fingerprint
-from .judge import Finding, Measures, orientation_of, validity_findings, verdict_of
+from .judge import (
+    Finding,
+    Measures,
+    orientation_of,
+    relative_levels,
+    validity_findings,
+    verdict_of,
+)
 from .measured_surface import MeasuredSurface, fits
+from .outlines import defects_of_map, defects_of_windows, in_image, largest_gap_px
 
 _MATCH_FIELDS = ("label", "nearest", "distance", "limit", "margin", "blur_px")
 _LIMITED_MEASURES = tuple(measure.name for measure in fields(LimitedMeasures))
-# Number of defects that a result lists; a part of another texture may have hundreds.
-_MAX_DEFECTS = 50
-# Largest number of listed regions of seams, and of windows. Windows that overlap are one region, so
-# there are few.
-_MAX_WINDOW_REGIONS = 10
 # Largest share of an LED's light in the ambient image without a note. Sets of sound LEDs get none,
 # an LED with 3 % gets one (tests/capture/station/run/test_weak_led.py).
 _WARN_WHILE_OFF = 0.02
@@ -96,11 +96,23 @@ class Inspection:
 
 
 @dataclass(frozen=True, eq=False)
-class _StartedInspection:
-    """An inspection in a thread, of images that are still being checked."""
+class _MeasuredPart:
+    """A part without the levels of its LEDs, which follow from the checks of its images."""
+
+    faults: Sequence[Finding]
+    measures: Measures = field(default_factory=Measures)
+    light_signals: tuple[float, ...] = ()  # of `MeasuredSurface`; empty if it was not solved
+    defect_map: DefectMap | None = None
+    defects: tuple[DefectRecord, ...] = ()
+    timings_ms: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class _StartedMeasurement:
+    """Measurement of a part in a thread, while its images are checked."""
 
     unchecked: CapturedSet
-    inspection: Callable[[], Inspection]
+    measured: Callable[[], _MeasuredPart]
 
     def has_images_of(self, captured: CapturedSet) -> bool:
         """Whether a set that has passed its checks has these images."""
@@ -130,7 +142,7 @@ class Inspector:
         self._library = library
         self._models = models
         self.calibration = calibration
-        self._started: _StartedInspection | None = None
+        self._started: _StartedMeasurement | None = None
         self._taught_signals = {
             texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
         }
@@ -162,9 +174,9 @@ class Inspector:
         return self._models[texture].pieces.has_direction
 
     def begin(self, unchecked: CapturedSet) -> None:
-        """Start to judge images in a thread; `inspect` uses the result for the same arrays."""
-        result = in_background(lambda: self._inspection(unchecked), is_long=True)
-        self._started = _StartedInspection(unchecked, result)
+        """Start to measure images in a thread; `inspect` uses the result for the same arrays."""
+        result = in_background(lambda: self._measured(unchecked), is_long=True)
+        self._started = _StartedMeasurement(unchecked, result)
 
     def inspect(self, captured: CapturedSet) -> Inspection:
         """Judge one part; a set that cannot be judged gets the verdict ERROR.
@@ -172,19 +184,33 @@ class Inspector:
         Exceptions are not caught here: `PartJudge` gives the verdict ERROR for them.
         """
         started = self._started
-        if started is not None and started.has_images_of(captured):
-            return started.inspection()
-        return self._inspection(captured)
+        is_started = started is not None and started.has_images_of(captured)
+        part = started.measured() if started and is_started else self._measured(captured)
+        ratios = self._signal_ratios(captured, part)
+        measures = part.measures
+        if ratios:
+            names = led_names(captured.lighting.tilts_deg)
+            levels = zip(names, relative_levels(ratios), strict=True)
+            measures = replace(measures, led_levels=tuple(levels))
+        return Inspection(
+            verdict_of(self.recipe, measures, part.faults),
+            measures,
+            part.defect_map,
+            part.defects,
+            ratios,
+            part.timings_ms,
+            self.recipe.orientation,
+        )
 
     @property
     def _has_angle_sd_limit(self) -> bool:
         all_limits = (self.recipe.limits, *self.recipe.limits_of.values())
         return any(limits.angle_sd is not None for limits in all_limits)
 
-    def _inspection(self, captured: CapturedSet) -> Inspection:
+    def _measured(self, captured: CapturedSet) -> _MeasuredPart:
         faults = list(self._faults(captured))
         if faults:
-            return Inspection(verdict_of(self.recipe, Measures(), faults))
+            return _MeasuredPart(faults)
         timings_ms: dict[str, float] = {}
         with _timed(timings_ms, "solve"):
             measured = MeasuredSurface.of(
@@ -197,7 +223,6 @@ class Inspector:
             measures = Measures(
                 unmeasured_fraction=measured.unmeasured_fraction,
                 saturated_fraction=measured.share(measured.saturated),
-                led_levels=self._relative_levels(captured, measured.light_signals),
                 lit_while_off=_lit_while_off(captured),
                 sdq=measured.sdq,
                 shadow_fraction=measured.share(measured.shadowed),
@@ -232,11 +257,12 @@ class Inspector:
                     partial(models.pieces.measure, moments(), orientation_deg, rings)
                 )
                 defect_map = models.defects.map_of_fields(fields(), orientation_deg)
-                gap_px = _largest_gap_px(defect_map, measured.inside)
+                gap_px = largest_gap_px(defect_map, measured.inside)
                 limits = self.recipe.limits_for(texture)
-                outlined = tuple(self._defects(defect_map, limits.defect))
+                outlined = list(defects_of_map(defect_map, limits.defect))
                 pieces = wait_for_pieces()
-                defects = (*outlined, *self._windows(pieces, limits))
+                outlined += defects_of_windows(pieces, limits)
+                defects = tuple(in_image(self.recipe.region, outline) for outline in outlined)
                 measures = replace(
                     measures,
                     defect_score=defect_map.worst,
@@ -247,51 +273,27 @@ class Inspector:
                     window=pieces.window,
                     seam=pieces.seam,
                 )
-        taught = self._taught_signals.get(
-            texture, np.mean([*self._taught_signals.values()], axis=0)
-        )
-        ratios = tuple((np.array(measured.light_signals) / taught).tolist())
-        verdict = verdict_of(self.recipe, measures, faults)
-        return Inspection(
-            verdict, measures, defect_map, defects, ratios, timings_ms, self.recipe.orientation
+        return _MeasuredPart(
+            faults, measures, measured.light_signals, defect_map, defects, timings_ms
         )
 
-    def _defects(self, defect_map: DefectMap, limit: float | None) -> Iterator[DefectRecord]:
-        """Outline the defects above a limit; their scores are in units of it."""
-        left, top = self._corner
-        for region in regions_of(defect_map.in_units_of(limit))[:_MAX_DEFECTS]:
-            x, y, width, height = region.box
-            yield DefectRecord(
-                region.kind, top + y, left + x, height, width, region.area_px, region.score
-            )
+    def _signal_ratios(self, captured: CapturedSet, part: _MeasuredPart) -> tuple[float, ...]:
+        """Signal of each light over the taught one of the texture; empty without signals.
 
-    def _windows(self, pieces: PieceMeasures, limits: Limits) -> Iterator[DefectRecord]:
-        """Outline connected cells whose windows exceed a limit; their scores are in units of it."""
-        left, top = self._corner
-        for kind, scores, limit in (
-            ("seam", pieces.seam_map, limits.seam),
-            ("window", pieces.window_map, limits.window),
-        ):
-            scores = scores / np.float32(1.0 if limit is None else limit)
-            above = (scores > 1.0).astype(np.uint8)
-            count, labels, boxes, _ = cv2.connectedComponentsWithStats(above, connectivity=8)
-            for label in range(1, min(count, _MAX_WINDOW_REGIONS + 1)):
-                x, y, width, height, cells = (int(value) for value in boxes[label])
-                yield DefectRecord(
-                    kind,
-                    top + y * CELL_PX,
-                    left + x * CELL_PX,
-                    height * CELL_PX,
-                    width * CELL_PX,
-                    cells * CELL_PX**2,
-                    float(scores[labels == label].max()),
-                )
-
-    @property
-    def _corner(self) -> tuple[int, int]:
-        """Column and row of the upper left pixel of the region."""
-        region = self.recipe.region
-        return (0, 0) if region is None else (region.x, region.y)
+        A part with more slopes to one side than the taught ones changes the ratios, as unequal
+        LEDs do. Where the redundancy of the images shows the levels of the LEDs, these stand for
+        the differences of the ratios.
+        """
+        if not part.light_signals:
+            return ()
+        match = part.measures.match
+        texture = "" if match is None else match.label or match.nearest
+        every_taught = np.mean([*self._taught_signals.values()], axis=0)
+        ratios = np.array(part.light_signals) / self._taught_signals.get(texture, every_taught)
+        levels = known_levels(captured.metadata.checks)
+        if levels is not None:
+            ratios = ratios.mean() * np.array(levels) / np.mean(levels)
+        return tuple(ratios.tolist())
 
     def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
         """Yield the reasons why the set cannot be judged, whatever part it shows."""
@@ -332,19 +334,6 @@ class Inspector:
             if fault is not None:
                 yield f"{name.replace('_', ' ')} {fault}"
 
-    def _relative_levels(
-        self, captured: CapturedSet, signals: tuple[float, ...]
-    ) -> tuple[tuple[str, float], ...]:
-        """Signal of each LED over its taught share of the light, relative to the brightest LED."""
-        # The albedo scales all signals alike, so it cancels.
-        taught_shares = np.mean(
-            [taught / taught.mean() for taught in self._taught_signals.values()], axis=0
-        )
-        ratios = np.array(signals) / taught_shares
-        brightest = ratios.max()
-        levels = ratios / brightest if brightest > 0.0 else np.zeros_like(ratios)
-        return tuple(zip(led_names(captured.lighting.tilts_deg), levels.tolist(), strict=True))
-
 
 def _lit_while_off(captured: CapturedSet) -> tuple[tuple[str, float], ...]:
     if captured.ambient is None:
@@ -356,23 +345,6 @@ def _lit_while_off(captured: CapturedSet) -> tuple[tuple[str, float], ...]:
 def _finite_or_none(value: Any) -> Any:
     """A value; None for NaN and infinity, which the results cannot store."""
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:
-    """Largest connected area of unscored cells that are at least half inside, in px."""
-    rows, columns = defect_map.score.shape
-    cell = defect_map.cell_px
-    share = cv2.resize(
-        np.pad(
-            inside.astype(np.float32),
-            [(0, rows * cell - inside.shape[0]), (0, columns * cell - inside.shape[1])],
-        ),
-        (columns, rows),
-        interpolation=cv2.INTER_AREA,
-    )
-    gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
-    _, _, statistics, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
-    return cell * cell * int(statistics[1:, cv2.CC_STAT_AREA].max(initial=0))
 
 
 @contextmanager

@@ -54,7 +54,7 @@ def verdict_of(recipe: Recipe, measures: Measures, faults: Sequence[Finding] = (
     Findings of the first of these stages count: faults of the set; validity of the measurement;
     texture and limits. A value that is NaN or missing gives ERROR.
     """
-    findings = list(faults) or list(validity_findings(recipe, measures))
+    findings = list(faults) or [*validity_findings(recipe, measures), *_level_findings(measures)]
     findings = findings or list(_texture_findings(recipe, measures))
     match = measures.match
     if findings or match is None or match.label not in recipe.passes:
@@ -73,14 +73,23 @@ def validity_findings(recipe: Recipe, measures: Measures) -> Iterator[Finding]:
     yield from _bound_findings(
         "saturated pixels", saturated, "at most", MAX_SATURATED_SHARE, Cause.CAPTURE, ".1%"
     )
-    for name, level in measures.led_levels:
-        if not level >= STOP_LED_LEVEL:
-            text = f"{name} at {level:.0%} of its taught level, least {STOP_LED_LEVEL:.0%}"
-            yield Finding(Cause.RIG, text)
     for name, share in measures.lit_while_off:
         if not share <= _MAX_LIGHT_WHILE_OFF:
             text = f"{name} gives {share:.0%} of its light with all LEDs off, at most "
             yield Finding(Cause.RIG, f"{text}{_MAX_LIGHT_WHILE_OFF:.0%}")
+
+
+def relative_levels(levels: Sequence[float]) -> list[float]:
+    """Return levels of LEDs as shares of the brightest; 0 if no LED gives light."""
+    brightest = max(levels)
+    return [level / brightest if brightest > 0.0 else 0.0 for level in levels]
+
+
+def _level_findings(measures: Measures) -> Iterator[Finding]:
+    for name, level in measures.led_levels:
+        if not level >= STOP_LED_LEVEL:
+            text = f"{name} at {level:.0%} of its taught level, least {STOP_LED_LEVEL:.0%}"
+            yield Finding(Cause.RIG, text)
     if not measures.led_levels:
         yield Finding(Cause.UNFORESEEN, "the levels of the LEDs were not measured")
 

@@ -108,6 +108,7 @@ class PartResult(LimitedMeasures):
     blur_px: float | None = None
     defects: tuple[DefectRecord, ...] = ()  # largest score first; those of windows last
     # Signal of each light as a share of its taught signal; the albedo scales all of them alike.
+    # Their differences are those of the LEDs where the redundancy of the images shows these.
     led_levels: tuple[float, ...] = ()
     timings_ms: dict[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()

@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
+from capture.sets.metadata import ChecksRecord
 from capture.station.domain.recipe_file import RecipeFolder
+from capture.station.domain.verdict import Cause
 from capture.station.judge.inspector import Inspection, Inspector
 from capture.station.judge.measured_surface import MeasuredSurface
 from classify.base.errors import InputError
@@ -80,3 +82,30 @@ def test_the_error_of_a_begun_part_is_raised_where_it_is_judged(
     inspector.begin(unchecked(part))
     with pytest.raises(InputError, match="cannot be solved"):
         inspector.inspect(part)
+
+
+@pytest.mark.parametrize("level_error", [0.002, 0.02, None])
+def test_levels_that_the_images_show_count_instead_of_brightness(
+    inspector: Inspector, part: CapturedSet, level_error: float | None
+) -> None:
+    # A part whose slopes lie to one side gets less light from the other side.
+    images = part.images.copy()
+    images[2] = images[2] * 0.8
+    checks = ChecksRecord(
+        ambient_change=None,
+        redundancy_residual=0.0,
+        light_levels=None if level_error is None else (1.0, 1.0, 0.99, 1.0),
+        light_levels_error=level_error,
+        retaken=False,
+        light_order="undecided",
+    )
+    leaning = replace(
+        part, images=images, metadata=part.metadata.model_copy(update={"checks": checks})
+    )
+    inspector.begin(unchecked(leaning))
+    inspection = inspector.inspect(leaning)
+    is_known = level_error == 0.002
+    assert (Cause.RIG in inspection.verdict.causes) == (not is_known)
+    assert dict(inspection.measures.led_levels)["LED 2 (tilt 180)"] == pytest.approx(
+        0.99 if is_known else 0.8, abs=0.03
+    )
