@@ -8,6 +8,7 @@ from capture.station.panel.app import DESCRIPTION
 from capture.station.panel.guard import V1
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
+    Change,
     Device,
     DevicesChanged,
     Event,
@@ -19,13 +20,13 @@ from capture.station.run.events import (
     PartRecovered,
     RecipeLoaded,
     SelfTestFinished,
+    State,
     StateChanged,
     StationStopped,
     TriggerRefused,
     Warned,
     json_fields,
 )
-from capture.station.run.states import Change, State
 
 _RESULT = PartResult(
     station="line-3", part_id="part-000001", number=1, trigger="timer",

@@ -3,7 +3,7 @@
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
 from capture.station.panel.guard import V1
-from capture.station.run.states import TRANSITIONS, State
+from capture.station.run.events import TRANSITIONS, State
 
 from .calls import call_lines, event_lines
 from .keys import sections

@@ -13,7 +13,7 @@ from enum import Enum, auto
 from typing import Any
 
 from capture.station.domain.verdict import Cause, Decision
-from capture.station.run.states import State
+from capture.station.run.events import State
 
 from .modbus import PlcConnection
 from .registers import STATES, VERDICTS, Command, Status

@@ -16,9 +16,9 @@ from capture.station.run.events import (
     PartBegun,
     PartRecovered,
     RecipeLoaded,
+    State,
 )
 from capture.station.run.live_view import LiveEvent
-from capture.station.run.states import State
 from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Accepted, Answer, Asker, RecipeRefusal, Refusal, Refused
 from classify.base.errors import InputError

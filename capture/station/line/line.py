@@ -87,7 +87,7 @@ class PlcLine:
             if self._handshake.commands["heartbeat"] != before:
                 self._heard_s = self._now_s()
             if request is not None and request.refusal is not None:
-                self._live.refuse(Trigger(SOURCE, request.part_id), request.refusal)
+                self._live.refusals.add(Trigger(SOURCE, request.part_id), request.refusal)
             elif request is not None:
                 self._request = request
             self._start_loading(self._handshake.selection.loading)

@@ -7,7 +7,7 @@ from typing import Any, Literal, Self
 
 from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
-from capture.station.run.states import State
+from capture.station.run.events import State
 
 PAGE_VERSION = 3  # 3 has orientation_period
 _NO_ORIENTATION = 0xFFFF

@@ -13,10 +13,9 @@ from typing import Any
 
 from capture.station.domain.folder import StationFolder
 from capture.station.results.database import ResultsUnavailable
-from capture.station.run.events import RecipeLoaded
+from capture.station.run.events import RecipeLoaded, State
 from capture.station.run.live_socket import TRIGGER, Reply, live_address
 from capture.station.run.live_view import STATE, LiveEvent, LiveView
-from capture.station.run.states import State
 from capture.station.run.station_state import StationState
 from capture.station.run.triggers import Answer, Asker, RecipeRefused, Trigger
 from classify.base.errors import InputError

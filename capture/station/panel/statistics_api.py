@@ -9,7 +9,7 @@ from starlette.responses import Response
 
 from capture.base.outputs import csv_line
 from capture.station.domain.verdict import Decision
-from capture.station.run.states import State
+from capture.station.run.events import State
 from capture.station.run.station_state import StationState
 
 from .answers import JsonAnswer, answer, media

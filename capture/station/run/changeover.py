@@ -8,11 +8,12 @@ from dataclasses import dataclass, field
 
 from capture.station.domain.errors import error_text
 
-from .events import RecipeLoaded, Warned
+from .events import RecipeLoaded, State, Warned
 from .outcome import PartJudge
 from .run_recipes import RunRecipes, UsableRecipe
 from .self_test import SelfTest
 from .station_rig import StationRig
+from .station_state import StationState
 from .triggers import Asker, RecipeRefusal, RecipeRefused
 
 # Time that a second asker waits until the recipe of the first is loaded.
@@ -75,8 +76,10 @@ class Changeover:
         if self._is_stopping():
             raise RecipeRefused("the station stops", RecipeRefusal.NOT_READY)
 
-    def request_exchange(self, request: _RecipeRequest) -> None:
-        """Request a recipe for the time when no part is in progress; raise if the station stops."""
+    def request_exchange(self, request: _RecipeRequest, station: StationState) -> None:
+        """Request a recipe for the time when no part is in progress, or raise RecipeRefused."""
+        if station.state not in (State.READY, State.EXECUTING):
+            raise RecipeRefused(f"not ready: {station.reason}", RecipeRefusal.NOT_READY)
         self._raise_if_cancelled()
         self._request = request
 
@@ -91,26 +94,24 @@ class Changeover:
         request, self._request = self._request, None
         return request
 
-    def exchange(
-        self, request: _RecipeRequest, camera: StationRig, self_test: SelfTest
-    ) -> PartJudge:
+    def exchange(self, request: _RecipeRequest, rig: StationRig, self_test: SelfTest) -> PartJudge:
         """Exchange the recipe between parts, and return the new judge.
 
-        An exception keeps the present recipe, and closes the rig.
+        After an exception the present recipe stays, and the rig is closed.
         """
         recipes, recipe = self._recipes, request.recipe
         assert recipes is not None
         try:
             with self_test.collecting() as require:
-                camera.use(recipe.inspector)
+                rig.use(recipe.inspector)
                 require(recipes.checks(recipe))
-                require(camera.test(is_start=False))
+                require(rig.test(is_start=False))
             # Recorded before the announcement: a kill in between leaves a usable recipe.
             recipes.keep(recipe, request.by)
         except BaseException as error:
             try:
-                camera.close()
-                camera.use(recipes.present.inspector)
+                rig.close()
+                rig.use(recipes.present.inspector)
             finally:  # The asker waits without a time-out.
                 refused = RecipeRefused(error_text(error), RecipeRefusal.RIG)
                 request.answer.set_exception(error if isinstance(error, RecipeRefused) else refused)

@@ -11,7 +11,6 @@ from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from capture.base.errors import CalibrationError, SetRejected
 from capture.station.domain.config import StationConfig
 from capture.station.domain.errors import error_text
 from capture.station.domain.fault import Fault, fault_of
@@ -23,17 +22,21 @@ from capture.station.results.store import BegunPart
 from .beginning import Beginning
 from .changeover import Changeover
 from .equipment import Equipment, GuardedThread
-from .events import ExposureComplete, PartAnnounced, PartBegun, RecipeLoaded, StationStopped
+from .events import (
+    Change,
+    ExposureComplete,
+    PartAnnounced,
+    PartBegun,
+    RecipeLoaded,
+    State,
+    StationStopped,
+)
 from .outcome import ExposedPart
 from .self_test import SelfTest, disk_fault
-from .states import Change, State
 from .triggers import (
     Accepted,
-    Answer,
     Asker,
     PartSensor,
-    RecipeRefusal,
-    RecipeRefused,
     Refusal,
     Refused,
     Trigger,
@@ -49,8 +52,6 @@ _PAUSE_S = 0.02
 _RETRY_S = 0.5
 # Time that a result waits for the database after a stop; then the next start makes it an ERROR.
 _LAST_WAIT_S = 5.0
-# These errors concern one set; the rig needs no recovery.
-_SET_ERRORS = (SetRejected, CalibrationError)
 
 
 class Station:
@@ -59,8 +60,8 @@ class Station:
     def __init__(
         self, folder: Path, config: StationConfig, equipment: Equipment, count: int | None = None
     ) -> None:
-        self._folder, self._config, self._equipment = folder, config, equipment
-        self._camera, self._judge, self._store = equipment.camera, equipment.judge, equipment.store
+        self._folder, self._config = folder, config
+        self._rig, self._judge, self._store = equipment.rig, equipment.judge, equipment.store
         self._prepare, self._clock = equipment.prepare, equipment.clock
         self._live, self._sensor = equipment.live, equipment.sensor
         self._report_alive = equipment.report_alive
@@ -70,7 +71,7 @@ class Station:
         self._changeover = Changeover(equipment.recipes, self._live.publish, self._stopping.is_set)
         # Guards everything below; the state changes only while it is held.
         self._lock = threading.RLock()
-        self._left = count  # parts that may still be triggered
+        self._parts_left = count  # parts that may still be triggered
         self._exposing = False  # from the reservation to the end of the last exposure
         self._waiting = 0  # parts that are exposed and have no announced result
         self._errors = 0  # in a row, of parts or triggers
@@ -90,30 +91,27 @@ class Station:
         """Wait until a trigger would be accepted; False after the time-out or a stop."""
         return self._live.wait_for(State.READY, timeout_s) and not self.is_stopping
 
-    def submit(self, trigger: Trigger) -> Answer:
+    def submit(self, trigger: Trigger) -> Accepted | Refused:
         """Accept or refuse a trigger. The part has its row before the answer. Never raises."""
         refused = self._reserve(trigger)
         if refused is not None:
-            return self.refuse(trigger, *refused)
+            return self.refuse(trigger, refused)
         try:
-            step = self._clock.step()
-            part = self._beginning.begin(trigger, is_simulated=self._camera.is_simulated)
+            clock_note = self._clock.note_if_set()
+            part = self._beginning.begin(trigger, is_simulated=self._rig.is_simulated)
         except BaseException as error:
             fault, kind = fault_of(error), refusal_by(error)
             self._release(None if kind in (Refusal.PART_ID, Refusal.LATE) else fault)
-            return self.refuse(trigger, str(fault), kind)
+            return self.refuse(trigger, Refused(str(fault), kind))
         self._live.publish(PartBegun(part.part_id, part.number))
-        self._next.put((part, step, trigger))
+        self._next.put((part, clock_note, trigger))
         return Accepted(part.part_id, part.number)
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Load a recipe, and return when it judges all later parts; or raise RecipeRefused."""
         with self._changeover.loading(name, by) as request:
             with self._lock:
-                if self._live.state.state not in (State.READY, State.EXECUTING):
-                    reason = f"not ready: {self._live.state.reason}"
-                    raise RecipeRefused(reason, RecipeRefusal.NOT_READY)
-                self._changeover.request_exchange(request)
+                self._changeover.request_exchange(request, self._live.state)
                 self._become_free()
             return request.answer.result()
 
@@ -136,27 +134,27 @@ class Station:
 
     def run(self, source: TriggerSource) -> StationStopped:
         """Serve triggers until the source ends, the parts are done, or Ctrl-C, which is raised."""
-        threads = [
-            GuardedThread(work, self.stop, f"station {name}")
-            for name, work in (("capture", self._capture_parts), ("verdict", self._judge_parts))
-        ]
-        feeder = GuardedThread(lambda: source.run(self), self.stop, "triggers", daemon=True)
+        workers = (
+            GuardedThread(self._capture_parts, self.stop, "station capture"),
+            GuardedThread(self._judge_parts, self.stop, "station verdict"),
+        )
+        triggers = GuardedThread(lambda: source.run(self), self.stop, "triggers", daemon=True)
         self._live.attach(self)
-        with self._live.refusals.recording(self._store, lambda: self._camera.is_simulated):
+        with self._live.refusals.recording(self._store, lambda: self._rig.is_simulated):
             try:
-                for thread in (*threads, feeder):
+                for thread in (*workers, triggers):
                     thread.start()
                 while not self._stopping.wait(_POLL_S):
                     pass
             except KeyboardInterrupt as interrupt:
                 self.stop(interrupt)
-            for thread in threads:
+            for thread in workers:
                 thread.join_through_interrupts()
             # A timer needs this time to record missed periods. A source that waits for a key may
             # never end.
-            feeder.join_through_interrupts(2.0 * _POLL_S)
+            triggers.join_through_interrupts(2.0 * _POLL_S)
         self._beginning.close()
-        reason = "all parts were triggered" if self._left == 0 else "no more triggers come"
+        reason = "all parts were triggered" if self._parts_left == 0 else "no more triggers come"
         if self._error is not None:
             reason = error_text(self._error)
         with self._lock:
@@ -185,7 +183,7 @@ class Station:
                     with suppress(queue.Empty):
                         self._expose(*self._next.get(timeout=_POLL_S))
         finally:
-            self._camera.close()
+            self._rig.close()
             self._exposed.put(None)
 
     def _is_open(self) -> bool:
@@ -203,7 +201,7 @@ class Station:
 
     def _become_ready(self) -> None:
         """Open the rig and test everything; an error at the start ends the run."""
-        self._camera.close()
+        self._rig.close()
         if self._waiting > 0 or self._has_lasting_errors:
             self._stopping.wait(_PAUSE_S)
             return
@@ -212,10 +210,10 @@ class Station:
         try:
             with self._self_test.collecting() as require:
                 require(self._prepare())
-                self._camera.open()
+                self._rig.open()
                 with self._lock:
                     self._live.change(Change.OPENED)
-                require(self._camera.test(is_start=not self._was_ready))
+                require(self._rig.test(is_start=not self._was_ready))
         except Exception as error:
             self._fail(fault_of(error))
             if not self._was_ready:
@@ -233,7 +231,7 @@ class Station:
             self._stopping.wait(_PAUSE_S)
             return
         try:
-            self._judge = self._changeover.exchange(request, self._camera, self._self_test)
+            self._judge = self._changeover.exchange(request, self._rig, self._self_test)
         except Exception as error:
             self._fail(fault_of(error))
         else:
@@ -248,11 +246,11 @@ class Station:
             duration_s -= _POLL_S
         return self.is_stopping
 
-    def _expose(self, begun_part: BegunPart, step: str | None, trigger: Trigger) -> None:
+    def _expose(self, begun_part: BegunPart, clock_note: str | None, trigger: Trigger) -> None:
         captured, error, exposed_s = None, None, trigger.at_s
         try:
             self._beginning.require_timely(trigger)
-            captured, exposed_s = self._camera.capture(begun_part.number)
+            captured, exposed_s = self._rig.capture(begun_part.number)
         except BaseException as raised:
             error = raised
         part = ExposedPart(
@@ -265,20 +263,19 @@ class Station:
                 "capture": 1e3 * (exposed_s - trigger.at_s),
                 "checks": 1e3 * max(0.0, self._clock.monotonic_s() - exposed_s),
             },
-            notes=() if step is None else (step,),
+            notes=() if clock_note is None else (clock_note,),
         )
         with self._lock:
             self._exposing = False
             self._waiting += 1
-            if self._left == 0:
+            if self._parts_left == 0:
                 self.stop()
             self._exposed.put(part)
             self._live.publish(ExposureComplete(begun_part.part_id, begun_part.number))
-            if error is None or isinstance(error, _SET_ERRORS):
+            if part.rig_fault is None:
                 self._become_free()
             else:
-                # The state of the rig is unknown.
-                self._fail(fault_of(error))
+                self._fail(part.rig_fault)
         if not isinstance(error, Exception | None):
             self.stop(error)
 
@@ -326,49 +323,49 @@ class Station:
 
     # State and reservations.
 
-    def _reserve(self, trigger: Trigger) -> tuple[str, Refusal] | None:
-        """Reserve the camera for a part; return the reason if that is not possible."""
+    def _reserve(self, trigger: Trigger) -> Refused | None:
+        """Reserve the rig for a part; return the refusal if that is not possible."""
         with self._lock:
-            if self.is_stopping or self._left == 0:
-                return "the station is stopping", Refusal.STOPPING
+            if self.is_stopping or self._parts_left == 0:
+                return Refused("the station is stopping", Refusal.STOPPING)
             if self._exposing:
-                return "busy: another part is being exposed", Refusal.BUSY
+                return Refused("busy: another part is being exposed", Refusal.BUSY)
             if not self._is_open():
-                return f"not ready: {self._live.state.reason}", Refusal.NOT_READY
+                return Refused(f"not ready: {self._live.state.reason}")
             if self._waiting >= self._config.buffers:
-                return f"busy: {self._waiting} parts wait for their verdict", Refusal.BUSY
+                return Refused(f"busy: {self._waiting} parts wait for their verdict", Refusal.BUSY)
             if self._live.state.state is not State.READY:
                 if self._changeover.is_requested:
-                    return "not ready: a recipe waits for the parts in progress", Refusal.NOT_READY
-                return "not ready: the self-test runs", Refusal.NOT_READY
+                    return Refused("not ready: a recipe waits for the parts in progress")
+                return Refused("not ready: the self-test runs")
             if self._changeover.lacks(trigger.recipe):
-                return f"recipe {trigger.recipe} is not the loaded one", Refusal.RECIPE
-            sets_bytes = (self._waiting + 1) * self._camera.set_bytes
+                return Refused(f"recipe {trigger.recipe} is not the loaded one", Refusal.RECIPE)
+            sets_bytes = (self._waiting + 1) * self._rig.set_bytes
             fault = disk_fault(self._folder, self._config.disk_floor_mb, sets_bytes)
             if fault is not None:
                 self._count_error(fault)
-                return str(fault), Refusal.DISK
+                return Refused(str(fault), Refusal.DISK)
             self._exposing = True
             self._live.change(Change.TRIGGERED)
-            if self._left is not None:
-                self._left -= 1
+            if self._parts_left is not None:
+                self._parts_left -= 1
             return None
 
     def _release(self, failure: Fault | None) -> None:
         """Undo `_reserve` for a part that was not begun; count its `failure`, if any."""
         with self._lock:
             self._exposing = False
-            if self._left is not None:
-                self._left += 1
+            if self._parts_left is not None:
+                self._parts_left += 1
             if failure is None:
                 self._become_free()
             else:
                 self._count_error(failure)
 
-    def refuse(self, trigger: Trigger, reason: str, kind: Refusal = Refusal.NOT_READY) -> Refused:
+    def refuse(self, trigger: Trigger, refused: Refused) -> Refused:
         """Record a trigger that cannot be served, as soon as the database answers. Never raises."""
-        self._live.refuse(trigger, reason)
-        return Refused(reason, kind)
+        self._live.refusals.add(trigger, refused.reason)
+        return refused
 
     def _become_free(self) -> None:
         """Allow a change of recipe, or the next trigger, if the camera is free."""
@@ -387,6 +384,7 @@ class Station:
         return self._errors >= self._config.stop_after_errors
 
     def _count_error(self, fault: Fault, *, fails: bool = True) -> None:
+        """Count an error; the station fails if `fails`, or after too many errors in a row."""
         self._errors += 1
         if self._has_lasting_errors:
             fault = replace(fault, in_a_row=self._errors)

@@ -1,4 +1,4 @@
-"""`Equipment`: the objects that the cycle of a station works with."""
+"""`Equipment` and threads of a station's cycle."""
 
 import threading
 from collections.abc import Callable
@@ -22,7 +22,7 @@ ReportAlive = Callable[[Worker], None]
 
 
 class GuardedThread(threading.Thread):
-    """A thread that calls `stop` at its end, with the error that ended it or None."""
+    """A thread that stops the run at its end, with the error that ended it or None."""
 
     def __init__(
         self,
@@ -33,7 +33,7 @@ class GuardedThread(threading.Thread):
         daemon: bool = False,
     ) -> None:
         super().__init__(name=name, daemon=daemon)
-        self._work, self._stop_run = work, stop
+        self._work, self._stop_run_with = work, stop
 
     def run(self) -> None:
         """Do the work."""
@@ -42,23 +42,23 @@ class GuardedThread(threading.Thread):
             self._work()
         except BaseException as raised:
             error = raised
-        self._stop_run(error)
+        self._stop_run_with(error)
 
     def join_through_interrupts(self, timeout_s: float | None = None) -> None:
-        """Wait for the end of the thread, if it was started."""
+        """Wait for the end of the thread, if it was started; Ctrl-C stops the run."""
         while self.is_alive():
             try:
                 self.join(timeout_s)
                 return
             except KeyboardInterrupt as interrupt:
-                self._stop_run(interrupt)
+                self._stop_run_with(interrupt)
 
 
 @dataclass(frozen=True, eq=False)
 class Equipment:
     """Rig, judge, results, clock and interfaces of a cycle."""
 
-    camera: StationRig
+    rig: StationRig
     judge: PartJudge  # used until another recipe is loaded
     store: ResultStore
     # Makes all checks except those of the rig; called while no part is in progress.

@@ -14,17 +14,19 @@ from capture.base.utc_time import utc_text
 from capture.station.domain.fault import Fault
 
 from .events import (
+    TRANSITIONS,
+    Change,
     Device,
     DevicesChanged,
     Event,
     Noted,
     PartAcknowledged,
     RecipeLoaded,
+    State,
     StateChanged,
 )
 from .live_view import LiveEvent, LiveView
 from .refusals import Refusals
-from .states import TRANSITIONS, Change, State
 from .station_state import STARTING, StationState, changes_by
 from .triggers import Answer, Asker, RecipeRefusal, RecipeRefused, Refused, Trigger
 
@@ -136,12 +138,9 @@ class LiveStation(LiveView):
         """Pass a trigger to the station. Never raises."""
         if self._target is not None:
             return self._target.submit(trigger)
-        self.refuse(trigger, f"not ready: {STARTING}")
-        return Refused(f"not ready: {STARTING}")
-
-    def refuse(self, trigger: Trigger, reason: str) -> None:
-        """Record a trigger that an interface refused, as soon as possible. Never raises."""
-        self.refusals.add(trigger, reason)
+        refused = Refused(f"not ready: {STARTING}")
+        self.refusals.add(trigger, refused.reason)
+        return refused
 
     def load_recipe(self, name: str, by: Asker) -> RecipeLoaded:
         """Let the station load a recipe; return when it judges all parts triggered from then on."""

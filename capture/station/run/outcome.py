@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from importlib.metadata import version
 from typing import Any, TypeVar
 
+from capture.base.errors import CalibrationError, SetRejected
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.fault import Fault, fault_of
 from capture.station.domain.folder import set_file_of
@@ -35,6 +36,13 @@ class ExposedPart:
     # ``capture``: from the trigger to the end of the exposure; ``checks``: after it.
     timings_ms: dict[str, float]
     notes: tuple[str, ...] = ()
+
+    @property
+    def rig_fault(self) -> Fault | None:
+        """Fault after which the rig must be opened again; None for an error of the set alone."""
+        if self.error is None or isinstance(self.error, SetRejected | CalibrationError):
+            return None
+        return fault_of(self.error)
 
 
 class PartJudge:

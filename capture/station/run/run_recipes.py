@@ -112,7 +112,7 @@ class RunRecipes:
             if not files.file.is_file():
                 raise RecipeRefused(f"recipe {name}: no such recipe", RecipeRefusal.UNKNOWN)
             usable = self._usable(files, by.name, raise_if_cancelled)
-            require_unchanged(usable.recipe, by.seen_sha256)
+            require_unchanged(usable.recipe, by.shown_sha256)
             require_no_fault(self.checks(usable))
         except RecipeRefused:
             raise

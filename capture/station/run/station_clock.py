@@ -7,13 +7,9 @@ from datetime import UTC, datetime, timedelta
 
 from capture.base.utc_time import utc_text
 
-# Smaller steps get no note: a time service corrects the clock by up to 500 ppm (adjtime(3)).
-_STEP_S = 2.0
+# Smallest step with a note. A time service may slew the clock by 500 ppm as well (adjtime(3)).
+_MIN_STEP_S = 2.0
 _SLEW_RATE = 5e-4
-
-
-def _utc() -> datetime:
-    return datetime.now(UTC)
 
 
 class StationClock:
@@ -21,12 +17,12 @@ class StationClock:
 
     def __init__(
         self,
-        utc: Callable[[], datetime] = _utc,
+        utc: Callable[[], datetime] = lambda: datetime.now(UTC),
         monotonic_s: Callable[[], float] = time.monotonic,
     ) -> None:
         self._utc, self.monotonic_s = utc, monotonic_s
         self._lock = threading.Lock()
-        self._read_s = self._read()
+        self._last_utc_s, self._last_monotonic_s = self._read()
 
     def now(self) -> str:
         """Return the present time, in the form of records."""
@@ -34,16 +30,17 @@ class StationClock:
 
     def at(self, monotonic_s: float) -> str:
         """Return the time of a past instant of the monotonic clock, in the form of records."""
-        passed = timedelta(seconds=self.monotonic_s() - monotonic_s)
-        return utc_text(self._utc() - passed, timespec="milliseconds")
+        age = timedelta(seconds=self.monotonic_s() - monotonic_s)
+        return utc_text(self._utc() - age, timespec="milliseconds")
 
-    def step(self) -> str | None:
+    def note_if_set(self) -> str | None:
         """Return a note if the clock was set since the last call, else None."""
         with self._lock:
-            (utc_s, monotonic_s), self._read_s = self._read_s, self._read()
-            passed_s = self._read_s[1] - monotonic_s
-            step_s = self._read_s[0] - utc_s - passed_s
-        if abs(step_s) < _STEP_S + _SLEW_RATE * passed_s:
+            utc_s, monotonic_s = self._read()
+            elapsed_s = monotonic_s - self._last_monotonic_s
+            step_s = utc_s - self._last_utc_s - elapsed_s
+            self._last_utc_s, self._last_monotonic_s = utc_s, monotonic_s
+        if abs(step_s) < _MIN_STEP_S + _SLEW_RATE * elapsed_s:
             return None
         direction = "back" if step_s < 0.0 else "forward"
         return f"the clock was set {direction} by {abs(step_s):.0f} s before this part"

@@ -11,6 +11,7 @@ from capture.station.results.part_result import PartResult
 from rig.doctor.check import Check
 
 from .events import (
+    Change,
     Device,
     Event,
     PartAcknowledged,
@@ -18,12 +19,12 @@ from .events import (
     PartBegun,
     RecipeLoaded,
     SelfTestFinished,
+    State,
     StateChanged,
     Status,
     TriggerRefused,
     Warned,
 )
-from .states import Change, State
 
 # Number of rejected parts on the operator's page.
 _KEPT_REJECTED = 12

@@ -33,7 +33,7 @@ class Asker(NamedTuple):
 
     name: str
     role: str
-    seen_sha256: str | None = None  # hash of the recipe that the asker saw; None if none was shown
+    shown_sha256: str | None = None  # hash of the recipe that the asker was shown, if any
     via: str = "PLC"
 
 
@@ -179,7 +179,8 @@ class TimerTrigger:
 
 def _refuse_missed(station: "Station", missed: int) -> None:
     if missed > 0:
-        station.refuse(Trigger("timer"), f"late: {missed} periods of the timer have passed")
+        late = Refused(f"late: {missed} periods of the timer have passed")
+        station.refuse(Trigger("timer"), late)
 
 
 class NoTriggers:
@@ -230,10 +231,10 @@ class PartSensor:
         for _ in range(min(missed, MAX_RECORDED)):
             if is_over():  # each row may wait for a locked database
                 break
-            station.refuse(Trigger(_SENSOR), f"the part {_MISSED}")
+            station.refuse(Trigger(_SENSOR), Refused(f"the part {_MISSED}"))
             missed -= 1
         if missed > 0:
-            station.refuse(Trigger(_SENSOR), f"parts that {_MISSED}: {missed}")
+            station.refuse(Trigger(_SENSOR), Refused(f"parts that {_MISSED}: {missed}"))
         part_came = self._rig.wait_for_part(self._store.last_number() + 1, is_over)
         if part_came and isinstance(station.submit(Trigger(_SENSOR)), Refused):
             self._rig.forget_part()

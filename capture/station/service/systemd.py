@@ -20,6 +20,7 @@ from capture.station.run.events import (
     PartAnnounced,
     PartRecovered,
     SelfTestFinished,
+    State,
     StateChanged,
     StationStopped,
     TriggerRefused,
@@ -28,7 +29,6 @@ from capture.station.run.events import (
     text_lines,
 )
 from capture.station.run.live_view import LiveEvent
-from capture.station.run.states import State
 from classify.base.errors import InputError
 
 _SOCKET = Path("/run/systemd/journal/socket")

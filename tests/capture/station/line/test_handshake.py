@@ -30,15 +30,16 @@ from capture.station.line.registers import (
 )
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
+    Change,
     Event,
     ExposureComplete,
     PartAnnounced,
     PartBegun,
     PartRecovered,
     RecipeLoaded,
+    State,
     StateChanged,
 )
-from capture.station.run.states import Change, State
 from capture.station.run.triggers import Accepted, RecipeRefusal, Refusal, Refused
 from tests.capture.station.line.lines import NOTHING
 from tests.capture.station.stations import BEFORE, published

@@ -16,8 +16,7 @@ from pydantic import ValidationError
 
 from capture.station.domain.interface_config import MqttConfig
 from capture.station.line.mqtt import MAX_WAITING, MqttPublisher
-from capture.station.run.events import PartAnnounced, RecipeLoaded, StateChanged
-from capture.station.run.states import Change, State
+from capture.station.run.events import Change, PartAnnounced, RecipeLoaded, State, StateChanged
 from tests.capture.station.line.broker import Broker, mqtt_broker
 from tests.capture.station.line.test_handshake import FAILED, result
 from tests.capture.station.stations import published

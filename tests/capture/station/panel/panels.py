@@ -17,9 +17,9 @@ from capture.station.domain.users import Role
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
+from capture.station.run.events import State
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
-from capture.station.run.states import State
 from rig import RigConfig
 from tests.capture.station.stations import Bench, FakeRecipes, bench, running
 

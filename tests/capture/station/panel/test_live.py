@@ -20,17 +20,18 @@ from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
+    Change,
     Device,
     PartAnnounced,
     PartBegun,
     SelfTestFinished,
+    State,
     TriggerRefused,
     Warned,
 )
 from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import MAX_WAITING
 from capture.station.run.self_test import SelfTestFailed
-from capture.station.run.states import Change, State
 from capture.station.run.triggers import Refusal, Trigger
 from rig.doctor.check import Check
 from rig.errors import CameraError, HardwareError, LightControllerError

@@ -27,11 +27,17 @@ from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import require_given_part_id
 from capture.station.results.store import open_store
 from capture.station.run import live_socket
-from capture.station.run.events import PartAnnounced, PartBegun, RecipeLoaded, StateChanged
+from capture.station.run.events import (
+    Change,
+    PartAnnounced,
+    PartBegun,
+    RecipeLoaded,
+    State,
+    StateChanged,
+)
 from capture.station.run.live_socket import MAX_PANELS, MAX_REQUEST_BYTES, serving_live
 from capture.station.run.live_station import LiveStation
 from capture.station.run.live_view import MAX_WAITING, STATE, Subscription
-from capture.station.run.states import Change, State
 from capture.station.run.station_state import StationState
 from capture.station.run.triggers import (
     Accepted,

@@ -16,11 +16,11 @@ from capture.station.run.events import (
     PartAnnounced,
     PartBegun,
     RecipeLoaded,
+    State,
     StateChanged,
     TriggerRefused,
     Warned,
 )
-from capture.station.run.states import State
 from capture.station.run.triggers import (
     Accepted,
     Asker,

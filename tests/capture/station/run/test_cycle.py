@@ -21,13 +21,13 @@ from capture.station.run.events import (
     ExposureComplete,
     PartAnnounced,
     PartRecovered,
+    State,
     StateChanged,
     StationStopped,
     TriggerRefused,
 )
 from capture.station.run.live_view import LiveEvent
 from capture.station.run.self_test import SelfTestFailed, check_disk
-from capture.station.run.states import State
 from capture.station.run.station_clock import StationClock
 from capture.station.run.triggers import (
     Accepted,

@@ -15,9 +15,8 @@ from capture.sets.captured_set import CapturedSet
 from capture.station.domain.verdict import Decision
 from capture.station.results.database import ResultsUnavailable
 from capture.station.run.cycle import Station
-from capture.station.run.events import PartAnnounced, StateChanged
+from capture.station.run.events import PartAnnounced, State, StateChanged
 from capture.station.run.self_test import check_disk, check_results
-from capture.station.run.states import State
 from capture.station.run.triggers import Refused, Trigger
 from rig import CameraError
 from tests.capture.station.stations import Bench, Manual, bench

@@ -114,7 +114,8 @@ def test_a_flood_of_refused_triggers_is_counted_in_few_rows(station: Bench) -> N
         until_ready(target)
         with locked(station):
             for _ in range(MAX_WAITING + 57):
-                target.refuse(Trigger("modbus", "A-1\n\x1b[2J\ud800" + 60_000 * "x"), "busy")
+                trigger = Trigger("modbus", "A-1\n\x1b[2J\ud800" + 60_000 * "x")
+                target.refuse(trigger, Refused("busy"))
 
     station.run(Manual(feed))
     events = station.of(TriggerRefused)

@@ -15,10 +15,10 @@ from capture.station.judge.challenge_set import add_to_challenge, challenge_sets
 from capture.station.judge.inspector import Collector
 from capture.station.results.audit import newest_changes
 from capture.station.results.store import ResultStore, open_store
+from capture.station.run.events import State
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run_recipes import RunRecipes
 from capture.station.run.self_test import SelfTestFailed
-from capture.station.run.states import State
 from capture.station.run.station_clock import StationClock
 from capture.station.run.station_rig import StationRig
 from capture.station.run.triggers import Asker, RecipeRefusal, RecipeRefused

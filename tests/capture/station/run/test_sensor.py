@@ -118,9 +118,9 @@ def test_missed_parts_do_not_hold_up_a_station_whose_database_is_locked(
     class Slow:
         """Each record takes the timeout of the store."""
 
-        def refuse(self, _: Trigger, reason: str) -> Refused:
-            refused.append(reason)
-            return Refused(reason)
+        def refuse(self, _: Trigger, answer: Refused) -> Refused:
+            refused.append(answer.reason)
+            return answer
 
     monkeypatch.setattr(line.rig, "missed_parts", lambda: 5)
     monkeypatch.setattr(line.rig, "wait_for_part", lambda *_: False)

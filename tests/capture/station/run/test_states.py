@@ -2,9 +2,8 @@
 
 import pytest
 
-from capture.station.run.events import StateChanged
+from capture.station.run.events import TRANSITIONS, Change, State, StateChanged
 from capture.station.run.live_station import LiveStation
-from capture.station.run.states import TRANSITIONS, Change, State
 
 
 def station_in(state: State) -> LiveStation:

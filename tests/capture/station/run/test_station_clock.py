@@ -39,7 +39,7 @@ def test_a_clock_that_a_time_server_slews_for_a_day_was_not_set(slewed: float) -
     clocks = Clocks()
     clock = clocks.station_clock()
     clocks.pass_by(86_400.0, slewed=slewed)
-    assert clock.step() is None
+    assert clock.note_if_set() is None
 
 
 @pytest.mark.parametrize(
@@ -51,7 +51,7 @@ def test_a_step_is_noted_once(step_s: float, note: str | None) -> None:
     clock = clocks.station_clock()
     clocks.pass_by(10.0)
     clocks.utc_s += step_s
-    found = clock.step()
+    found = clock.note_if_set()
     assert (note is None) == (found is None)
     assert note is None or (found is not None and note in found)
-    assert clock.step() is None
+    assert clock.note_if_set() is None

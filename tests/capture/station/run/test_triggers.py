@@ -37,9 +37,9 @@ class SlowStation:
             self._clock.s += self._late_s
         return Refused("busy")
 
-    def refuse(self, _: Trigger, reason: str) -> Refused:
-        self.refused.append(reason)
-        return Refused(reason)
+    def refuse(self, _: Trigger, refused: Refused) -> Refused:
+        self.refused.append(refused.reason)
+        return refused
 
 
 @pytest.mark.parametrize(("late_s", "periods", "counted"), [(0.05, [0, 1, 2], []),
@@ -72,10 +72,10 @@ def test_a_timer_whose_refusals_take_longer_than_its_period_still_triggers() -> 
         def is_stopping(self) -> bool:
             return super().is_stopping or len(self.refused) == 50
 
-        def refuse(self, trigger: Trigger, reason: str) -> Refused:
+        def refuse(self, trigger: Trigger, refused: Refused) -> Refused:
             self.counted_until_s = clock.s
             clock.s += 0.25
-            return super().refuse(trigger, reason)
+            return super().refuse(trigger, refused)
 
     station = SlowRecords(clock, 0.35)
     TimerTrigger(0.1, clock.now_s).run(station)  # type: ignore[arg-type]

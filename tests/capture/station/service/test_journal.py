@@ -13,14 +13,15 @@ from capture.station.domain.verdict import Decision
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart
 from capture.station.run.events import (
+    Change,
     ExposureComplete,
     PartAnnounced,
     SelfTestFinished,
+    State,
     StateChanged,
     TriggerRefused,
     Warned,
 )
-from capture.station.run.states import Change, State
 from capture.station.service.systemd import Journal, is_connected_to_journal
 from rig.doctor.check import Check
 from tests.capture.station.results.parts import UTC, result_of

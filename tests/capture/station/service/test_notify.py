@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 
 from capture.station.run.cycle import Station
-from capture.station.run.events import PartAnnounced, StateChanged
-from capture.station.run.states import Change, State
+from capture.station.run.events import Change, PartAnnounced, State, StateChanged
 from capture.station.run.triggers import Trigger
 from capture.station.service.systemd import Notifier
 from classify.base.errors import InputError
