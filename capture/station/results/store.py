@@ -1,4 +1,4 @@
-"""`ResultStore`: begun parts, their results, overrides and refused triggers."""
+"""`ResultStore`: begun parts, their results and overrides, and rows of other tables."""
 
 import time
 import uuid
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple, Self, TypeVar
+from typing import Any, Self, TypeVar
 
 from sqlalchemy import URL, Connection, Engine, Row, Select, Table, func, insert, select
 from sqlalchemy.exc import IntegrityError
@@ -40,7 +40,6 @@ from .schema import (
     lower_ascii,
     make_tables,
     overrides,
-    refused_triggers,
     require_tables,
     results,
     same_part,
@@ -61,16 +60,6 @@ class BegunPart:
     trigger: str
     triggered_utc: str
     simulated: bool
-
-
-class RefusedTrigger(NamedTuple):
-    """A trigger that could not be served, and why."""
-
-    trigger: str
-    utc: str
-    reason: str
-    simulated: bool
-    part_id: str | None = None
 
 
 AppendRemotely = Callable[[str, list[dict[str, Any]], str | None], bool]
@@ -176,11 +165,6 @@ class ResultStore:
             return self.write(work)
         except IntegrityError as error:
             raise InputError(f"part {result.part_id}, number {result.number}: not begun") from error
-
-    def refuse(self, *refused: RefusedTrigger) -> None:
-        """Record triggers that could not be served."""
-        if refused:
-            self.append(refused_triggers, *(trigger._asdict() for trigger in refused))
 
     def override(self, part_id: str, *, decision: Decision, by: str, reason: str, utc: str) -> None:
         """Record that a person gives a part another verdict; the result stays unchanged."""

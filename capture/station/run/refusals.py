@@ -4,22 +4,26 @@ import threading
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 from capture.base.utc_time import utc_text
 from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import shown_part_id
-from capture.station.results.store import RefusedTrigger, ResultStore
+from capture.station.results.schema import refused_triggers
+from capture.station.results.store import ResultStore
 
 from .events import TriggerRefused
 from .triggers import Trigger
 
-# Largest number that waits. More come only if the database does not answer, or a client is faulty.
+# Largest number of waiting refusals; exceeded only if the database does not answer, or by a faulty
+# client.
 MAX_WAITING = 100
 # Largest rate, so that a client in a loop does not fill the database: 8 of them made 425 rows a
 # second.
 _ROWS_PER_S = 20.0
 # Pause between two attempts to write to a database that does not answer.
 _RETRY_S = 0.5
+_TimedRefusal = tuple[str, TriggerRefused]  # with the time of the trigger, UTC
 
 
 class Refusals:
@@ -35,9 +39,9 @@ class Refusals:
     ) -> None:
         self._publish, self._wait_for_room = publish, wait_for_room
         self._changed = threading.Condition()
-        self._waiting: deque[RefusedTrigger] = deque()
-        self._last: RefusedTrigger
-        self._overflow = 0
+        self._waiting: deque[_TimedRefusal] = deque()
+        self._last: _TimedRefusal
+        self._overflow = 0  # triggers beyond those that wait
         self._closed = threading.Event()
 
     @contextmanager
@@ -58,15 +62,14 @@ class Refusals:
     def add(self, trigger: Trigger, reason: str) -> None:
         """Add a refused trigger; after the end it is published as not recorded."""
         part_id = None if trigger.part_id is None else shown_part_id(trigger.part_id)
-        utc = utc_text(timespec="milliseconds")
-        refused = RefusedTrigger(trigger.source, utc, reason, False, part_id)
+        refusal = TriggerRefused(trigger.source, part_id, reason, recorded=False)
         with self._changed:
             if self._closed.is_set():
-                self._publish_all([refused], recorded=False)
+                self._publish(refusal)
                 return
-            self._last = refused
+            self._last = utc_text(timespec="milliseconds"), refusal
             if len(self._waiting) < MAX_WAITING:
-                self._waiting.append(refused)
+                self._waiting.append(self._last)
             else:
                 self._overflow += 1
             self._changed.notify_all()
@@ -79,44 +82,48 @@ class Refusals:
                     lambda: self._waiting or self._overflow or self._closed.is_set()
                 )
                 is_last = self._closed.is_set()
-                refused, overflow = self._rows_to_write()
-            simulated = is_simulated()
-            recorded = self._record(store, [row._replace(simulated=simulated) for row in refused])
-            if not recorded:
+                refusals, overflow = self._next_refusals()
+            is_recorded = _record(store, refusals, is_simulated=is_simulated())
+            if not is_recorded:
                 is_last = self._closed.wait(_RETRY_S)
                 if not is_last:
                     continue
                 with self._changed:
-                    refused, overflow = self._rows_to_write()
+                    refusals, overflow = self._next_refusals()
             with self._changed:
-                for _ in range(len(refused) - bool(overflow)):
+                for _ in range(len(refusals) - bool(overflow)):
                     self._waiting.popleft()
                 self._overflow -= overflow
             self._wait_for_room(self._closed.is_set)
-            self._publish_all(refused, recorded=recorded, overflow=overflow)
-            self._closed.wait(len(refused) / _ROWS_PER_S)
+            for _, refusal in refusals:
+                self._publish(replace(refusal, recorded=is_recorded))
+            self._closed.wait(len(refusals) / _ROWS_PER_S)
 
-    def _rows_to_write(self) -> tuple[list[RefusedTrigger], int]:
-        refused, overflow = list(self._waiting), self._overflow
+    def _next_refusals(self) -> tuple[list[_TimedRefusal], int]:
+        """Return the refusals that wait, then one for the overflow; and the size of the latter."""
+        refusals, overflow = list(self._waiting), self._overflow
         if overflow:
+            utc, last = self._last
             reason = f"{overflow} triggers more than could be recorded one by one"
-            refused.append(self._last._replace(part_id=None, reason=reason))
-        return refused, overflow
+            refusals.append((utc, replace(last, part_id=None, reason=reason, triggers=overflow)))
+        return refusals, overflow
 
-    def _publish_all(
-        self, refused: list[RefusedTrigger], *, recorded: bool, overflow: int = 0
-    ) -> None:
-        """Publish rows; the last one stands for `overflow` triggers, if there are any."""
-        counts = [1] * len(refused)
-        if overflow:
-            counts[-1] = overflow
-        for row, count in zip(refused, counts, strict=True):
-            event = TriggerRefused(row.trigger, row.part_id, row.reason, recorded, count)
-            self._publish(event)
 
-    def _record(self, store: ResultStore, refused: list[RefusedTrigger]) -> bool:
-        try:
-            store.refuse(*refused)
-        except ResultsUnavailable:
-            return False
-        return True
+def _record(store: ResultStore, refusals: list[_TimedRefusal], *, is_simulated: bool) -> bool:
+    """Append the rows of refusals; False if the database does not answer."""
+    rows = [
+        {
+            "utc": utc,
+            "trigger": refusal.trigger,
+            "part_id": refusal.part_id,
+            "reason": refusal.reason,
+            "simulated": is_simulated,
+        }
+        for utc, refusal in refusals
+    ]
+    try:
+        if rows:
+            store.append(refused_triggers, *rows)
+    except ResultsUnavailable:
+        return False
+    return True

@@ -3,9 +3,11 @@
 import logging
 import threading
 import time
+from typing import Any
 from unittest.mock import Mock
 
 import pytest
+from sqlalchemy import Table
 
 from capture.station.domain.interface_config import ModbusConfig
 from capture.station.line.handshake import Handshake
@@ -19,7 +21,6 @@ from capture.station.line.registers import (
     decoded,
     encoded,
 )
-from capture.station.results.store import RefusedTrigger
 from capture.station.run.live_station import LiveStation
 from capture.station.run.triggers import RecipeRefusal, Refusal, Refused
 from tests.capture.station.line.lines import NOTHING
@@ -32,9 +33,9 @@ class Recorder:
     """Results that keep the refusals in memory."""
 
     def __init__(self) -> None:
-        self.rows: list[RefusedTrigger] = []
+        self.rows: list[dict[str, Any]] = []
 
-    def refuse(self, *rows: RefusedTrigger) -> None:
+    def append(self, _: Table, *rows: dict[str, Any]) -> None:
         self.rows += rows
 
 
@@ -67,7 +68,8 @@ def test_refusals_before_the_station_takes_triggers_are_recorded_with_it() -> No
         ask_for(line, 1, "A-1")
         with live.refusals.recording(results, lambda: True):  # type: ignore[arg-type]
             ask_for(line, 2, "A-2")
-    assert [(row.part_id, row.simulated) for row in results.rows] == [("A-1", True), ("A-2", True)]
+    assert [row["part_id"] for row in results.rows] == ["A-1", "A-2"]
+    assert all(row["simulated"] for row in results.rows)
 
 
 def test_a_plc_that_comes_before_the_station_takes_triggers_is_refused() -> None:
@@ -80,7 +82,7 @@ def test_a_plc_that_comes_before_the_station_takes_triggers_is_refused() -> None
         write(line, commands=Command.SELECT_RECIPE, recipe=1)
         until_so(lambda: handshake.selection.loading is None)
     assert shown(line, "select_error") == RecipeRefusal.NOT_READY
-    assert [row.part_id for row in results.rows] == ["A-1"]
+    assert [row["part_id"] for row in results.rows] == ["A-1"]
 
 
 def test_the_end_waits_for_the_last_answer_and_no_longer(monkeypatch: pytest.MonkeyPatch) -> None:

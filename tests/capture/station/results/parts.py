@@ -4,7 +4,8 @@ from pathlib import Path
 
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import DefectRecord, PartResult
-from capture.station.results.store import BegunPart, RefusedTrigger, ResultStore, open_store
+from capture.station.results.schema import refused_triggers
+from capture.station.results.store import BegunPart, ResultStore, open_store
 
 UTC = "2026-11-22T17:08:13.042Z"
 CAUSES = {
@@ -81,5 +82,11 @@ def record_three_days(path: Path) -> None:
             )
         utc = "2026-11-22T09:00:00.000Z"
         begin(store, trigger="enter", triggered_utc=utc)
-        store.refuse(RefusedTrigger("enter", utc, "no buffer", simulated=False))
+        refuse(store, utc)
         store.override("part-000002", decision=Decision.PASS, by="Kim", reason="a hair", utc=utc)
+
+
+def refuse(store: ResultStore, utc: str = UTC) -> None:
+    """Record a trigger that was refused."""
+    row = {"trigger": "enter", "utc": utc, "part_id": None, "reason": "busy", "simulated": False}
+    store.append(refused_triggers, row)

@@ -10,9 +10,9 @@ from capture.station.results.audit import record_change
 from capture.station.results.chain import Head, broken_links
 from capture.station.results.removals import record_removals
 from capture.station.results.schema import CHAINED, changes, overrides, results
-from capture.station.results.store import RefusedTrigger, ResultStore
+from capture.station.results.store import ResultStore
 
-from .parts import UTC, begin, inspect, result_of
+from .parts import UTC, begin, inspect, refuse, result_of
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def filled(store: ResultStore) -> ResultStore:
     inspect(store, Decision.UNKNOWN, distance=-0.0, defects=(), timings_ms={"b": 1.0, "a": 1e-7})
     inspect(store)
     store.override("part-000001", decision=Decision.PASS, by="Kim", reason="a hair", utc=UTC)
-    store.refuse(RefusedTrigger("enter", UTC, "busy", simulated=False))
+    refuse(store)
     record_removals(store, {"part-000002": "parts/x.ome.tif"}, UTC)
     record_change(store, "user kim", by="Jo", role="engineer", via="page")
     return store

@@ -18,12 +18,12 @@ from capture.station.results.database import (
 )
 from capture.station.results.removals import record_removals
 from capture.station.results.schema import VERSION
-from capture.station.results.store import RefusedTrigger, ResultStore, open_store
+from capture.station.results.store import ResultStore, open_store
 from classify.base.errors import InputError
 from tests.postgresql_server import PostgresqlServer
 
 from .conftest import OpenStore
-from .parts import UTC, begin, inspect, result_of
+from .parts import UTC, begin, inspect, refuse, result_of
 
 
 def test_numbers_of_parts_have_no_gaps(store: ResultStore) -> None:
@@ -156,7 +156,7 @@ def test_the_database_refuses_to_change_or_delete_a_row(
     store: ResultStore, database: str, table: str
 ) -> None:
     part_id = inspect(store).part_id
-    store.refuse(RefusedTrigger("timer", UTC, "busy", simulated=False))
+    refuse(store)
     store.override(part_id, decision=Decision.FAIL, by="Kim", reason="dull", utc=UTC)
     record_removals(store, {part_id: "parts/x"}, UTC)
     record_change(store, "user lee", None, "operator", by="kim", role="engineer", via="page")

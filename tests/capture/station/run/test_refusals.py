@@ -1,9 +1,11 @@
 """Refused triggers that come while others are being recorded are counted too."""
 
+from typing import Any
+
 import pytest
+from sqlalchemy import Table
 
 from capture.station.results.database import ResultsUnavailable
-from capture.station.results.store import RefusedTrigger
 from capture.station.run.events import TriggerRefused
 from capture.station.run.refusals import MAX_WAITING, Refusals
 from capture.station.run.triggers import Trigger
@@ -18,13 +20,13 @@ class BusyStore:
     def __init__(self, *, is_away: bool) -> None:
         self.is_away = is_away
         self.gate = Gate()
-        self.rows: list[RefusedTrigger] = []
+        self.rows: list[dict[str, Any]] = []
 
-    def refuse(self, *refused: RefusedTrigger) -> None:
+    def append(self, _: Table, *rows: dict[str, Any]) -> None:
         self.gate.hold()
         if self.is_away:
             raise ResultsUnavailable("the database is away")
-        self.rows += refused
+        self.rows += rows
 
 
 @pytest.mark.parametrize("is_away", [False, True])
