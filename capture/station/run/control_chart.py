@@ -6,6 +6,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from statistics import NormalDist
 
 from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.results.part_result import PartResult
@@ -27,64 +28,50 @@ GROUP, BASELINE_POINTS = 5, 20
 """Number of parts of one point, and of points of the baseline."""
 # The mean range of two normal values is 1.128 standard deviations (ISO 7870-2, d2).
 _RANGE_OF_TWO = 1.128
-# Least standard deviation as a share of the mean, for values that hardly vary, as in a simulation.
-_MIN_SPREAD = 1e-3
+# Least standard deviation of a baseline, for values that hardly vary, as in a simulation. It is a
+# share of a level or distance: levels are relative, and distances are logarithms.
+_MIN_SIGMA = 1e-3
 # Western Electric (Statistical Quality Control Handbook, 1956): number of last points, how many of
 # them lie on one side of the baseline, and beyond how many standard deviations.
 _RULES = ((1, 1, 3.0), (3, 2, 2.0), (5, 4, 1.0), (8, 8, 0.0))
-_LOW = (
-    f"least {_WARN_LED_LEVEL:.0%}; parts become errors below {STOP_LED_LEVEL:.0%} of the "
-    "brightest; clean or replace it"
-)
+
 _MAX_RULE_POINTS = max(points for points, _, _ in _RULES)
 
 
-@dataclass(frozen=True)
-class Baseline:
-    """Mean and standard deviation of a process in control."""
-
-    mean: float
-    sigma: float
-
-
-def baseline_of(values: Sequence[float]) -> Baseline:
-    """Return the baseline of two values or more."""
+def baseline_of(values: Sequence[float]) -> NormalDist:
+    """Return the distribution of a process in control, from two values or more."""
     # Sigma is the mean moving range over d2, which a slow drift does not raise.
-    mean = statistics.fmean(values)
     ranges = [abs(after - before) for before, after in pairwise(values)]
     sigma = statistics.fmean(ranges) / _RANGE_OF_TWO
-    return Baseline(mean, max(sigma, _MIN_SPREAD * abs(mean)))
+    return NormalDist(statistics.fmean(values), max(sigma, _MIN_SIGMA))
 
 
-def broken_rules(values: Sequence[float], baseline: Baseline) -> tuple[str, ...]:
+def broken_rules(values: Sequence[float], baseline: NormalDist) -> tuple[str, ...]:
     """Return the Western Electric rules that the last value breaks, in words."""
-    offsets = [(value - baseline.mean) / baseline.sigma for value in values]
-    return tuple(_rules_broken_by(offsets))
-
-
-def _rules_broken_by(offsets: Sequence[float]) -> Iterator[str]:
+    scores = [baseline.zscore(value) for value in values]
+    broken = []
     for points, min_beyond, sigmas in _RULES:
-        recent = offsets[-points:]
+        recent = scores[-points:]
         for sign, side in ((1.0, "above"), (-1.0, "below")):
-            beyond = [sign * offset > sigmas for offset in recent]
-            if len(recent) == points and beyond[-1] and sum(beyond) >= min_beyond:
+            is_beyond = [sign * score > sigmas for score in recent]
+            if len(recent) == points and is_beyond[-1] and sum(is_beyond) >= min_beyond:
                 distance = f"{sigmas:g} standard deviations {side}" if sigmas else side
-                yield f"{min_beyond} of {points} points {distance} the baseline"
+                broken.append(f"{min_beyond} of {points} points {distance} the baseline")
+    return tuple(broken)
 
 
-class _NewWarnings:
-    """Finds new warnings: those that did not hold at the last `_MAX_RULE_POINTS` points."""
+class _RepeatFilter:
+    """Drops warnings that held at one of the last `_MAX_RULE_POINTS` points."""
 
     def __init__(self) -> None:
-        self._since: dict[str, int] = {}  # points since a warning last held
+        self._points_since: dict[str, int] = {}  # points since each warning held last
 
-    def new_among(self, warnings: Sequence[str]) -> tuple[str, ...]:
-        """Return the new ones among the warnings that hold at a point."""
-        new = tuple(text for text in warnings if text not in self._since)
-        counts = {
-            text: count + 1 for text, count in self._since.items() if count + 1 < _MAX_RULE_POINTS
-        }
-        self._since = counts | dict.fromkeys(warnings, 0)
+    def new_warnings(self, warnings: Sequence[str]) -> tuple[str, ...]:
+        """Return the new ones among the warnings that hold at the next point."""
+        new = tuple(text for text in warnings if text not in self._points_since)
+        later = {text: count + 1 for text, count in self._points_since.items()}
+        recent = {text: count for text, count in later.items() if count < _MAX_RULE_POINTS}
+        self._points_since = recent | dict.fromkeys(warnings, 0)
         return new
 
 
@@ -97,9 +84,9 @@ class _RuleSeries:
     def __init__(self, min_change: float = 0.0) -> None:
         self._min_change = min_change
         self._first: list[float] = []
-        self.baseline: Baseline | None = None
+        self.baseline: NormalDist | None = None
         self._recent: deque[float] = deque(maxlen=_MAX_RULE_POINTS)
-        self._warnings = _NewWarnings()
+        self._repeats = _RepeatFilter()
 
     def add(
         self, point: float, other_warnings: Iterable[str] = ()
@@ -109,7 +96,7 @@ class _RuleSeries:
         Warnings are `other_warnings`, which hold at the point, and the rules.
         """
         rules = self._rules_broken_by(point)
-        return rules, self._warnings.new_among([*other_warnings, *rules])
+        return rules, self._repeats.new_warnings([*other_warnings, *rules])
 
     def _rules_broken_by(self, point: float) -> tuple[str, ...]:
         if self.baseline is not None:
@@ -137,7 +124,7 @@ class ControlChart:
     def _begin(self) -> None:
         self._levels = {name: _RuleSeries(_MIN_LED_CHANGE) for name in self._led_names}
         self._distance = _RuleSeries()
-        self._notes = _NewWarnings()
+        self._repeated_notes = _RepeatFilter()
         self._group: list[PartResult] = []
 
     def __call__(self, live: LiveEvent) -> None:
@@ -150,9 +137,13 @@ class ControlChart:
 
     def add(self, result: PartResult) -> list[str]:
         """Add a result; return its new notes and the new warnings of the charts."""
-        return [*self._notes.new_among(result.notes), *self._of_measures(result)]
+        return [
+            *self._repeated_notes.new_warnings(result.notes),
+            *self._chart_warnings(result),
+        ]
 
-    def _of_measures(self, result: PartResult) -> list[str]:
+    def _chart_warnings(self, result: PartResult) -> list[str]:
+        """Add a part to the present group; return the warnings of a full group."""
         if result.label is None or not _is_measured(
             result.distance, result.led_levels, len(self._led_names)
         ):
@@ -161,16 +152,21 @@ class ControlChart:
         if len(self._group) < GROUP:
             return []
         group, self._group = self._group, []
-        return list(self._warnings(group))
+        return list(self._warnings_of(group))
 
-    def _warnings(self, group: Sequence[PartResult]) -> Iterator[str]:
+    def _warnings_of(self, group: Sequence[PartResult]) -> Iterator[str]:
+        low = (
+            f"least {_WARN_LED_LEVEL:.0%}; parts become errors below {STOP_LED_LEVEL:.0%} of the "
+            "brightest; clean or replace it"
+        )
         levels = _relative_levels([result.led_levels for result in group])
         for level, (name, series) in zip(levels, self._levels.items(), strict=True):
-            low = [_LOW] if level < _WARN_LED_LEVEL else []
-            for text in series.add(level, low)[1]:
+            _, warnings = series.add(level, [low] if level < _WARN_LED_LEVEL else [])
+            for text in warnings:
                 yield f"{name} at {level:.1%} of its taught level: {text}"
         log_distance = _mean_log_distance(part.distance or 1.0 for part in group)
-        for text in self._distance.add(log_distance)[1]:
+        _, warnings = self._distance.add(log_distance)
+        for text in warnings:
             distance = math.exp(log_distance)
             yield f"distance {distance:.2f}: {text}; look at focus, light and material"
 
@@ -257,6 +253,6 @@ def _history(
         )  # fmt: skip
     if series.baseline is None:
         return ChartHistory(tuple(chart_points), len(chart_points), None, None, None)
-    mean, three_sigma = series.baseline.mean, 3.0 * series.baseline.sigma
+    mean, three_sigma = series.baseline.mean, 3.0 * series.baseline.stdev
     centre, lower, upper = map(value_of, (mean, mean - three_sigma, mean + three_sigma))
     return ChartHistory(tuple(chart_points), BASELINE_POINTS, centre, lower, upper)

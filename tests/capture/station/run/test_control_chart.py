@@ -1,6 +1,7 @@
 """Tests of the control charts."""
 
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -11,7 +12,6 @@ from capture.station.results.statistics import ChartedPart
 from capture.station.run.control_chart import (
     BASELINE_POINTS,
     GROUP,
-    Baseline,
     ControlChart,
     baseline_of,
     broken_rules,
@@ -25,7 +25,7 @@ from tests.capture.station.stations import published
 BASELINE_PARTS = GROUP * BASELINE_POINTS
 
 LEDS = tuple(led_names([0, 90, 180, 270]))
-UNIT = Baseline(0.0, 1.0)
+UNIT = NormalDist(0.0, 1.0)
 PART = PartResult(
     station="s",
     part_id="1",
@@ -76,9 +76,9 @@ def test_a_process_in_control_breaks_a_rule_as_seldom_as_known() -> None:
 def test_a_drift_does_not_widen_its_own_baseline() -> None:
     draw = np.random.default_rng(2)
     noise = draw.normal(0.0, 0.01, 200)
-    assert baseline_of((1.0 + noise).tolist()).sigma == pytest.approx(0.01, rel=0.2)
+    assert baseline_of((1.0 + noise).tolist()).stdev == pytest.approx(0.01, rel=0.2)
     drifting = 1.0 + noise + np.linspace(0.0, 0.1, 200)
-    assert baseline_of(drifting.tolist()).sigma == pytest.approx(0.01, rel=0.2)
+    assert baseline_of(drifting.tolist()).stdev == pytest.approx(0.01, rel=0.2)
 
 
 def fed(levels: np.ndarray, distances: np.ndarray) -> list[str]:
@@ -107,6 +107,17 @@ def test_a_fading_led_is_named_long_before_its_parts_are_errors() -> None:
     assert level > 96.0
     assert any("least 95%" in text for text in of_led)
     assert len(of_led) < 12
+
+
+@pytest.mark.parametrize("distance", [1.0, 1.001, 2.0])
+def test_parts_that_hardly_vary_break_a_rule_from_three_per_mille_on(distance: float) -> None:
+    """The logarithm of a distance near 1 is near 0."""
+    parts = BASELINE_PARTS + GROUP
+    distances = np.full(parts, distance)
+    distances[-GROUP:] *= 1.002
+    assert fed(np.ones((parts, 4)), distances) == []
+    distances[-GROUP:] *= 1.002
+    assert len(fed(np.ones((parts, 4)), distances)) == 1
 
 
 def test_another_recipe_begins_another_baseline() -> None:
