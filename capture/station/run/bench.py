@@ -50,7 +50,7 @@ from .triggers import TimerTrigger
 # Ambient image and four light images, at 30 frames per second.
 _EXPOSURES_S = 5 / 30.0
 # Pages in the order of their capture: the ambient image, then pairs of opposite lights.
-_CAPTURED = (4, 0, 2, 1, 3)
+_CAPTURE_ORDER = (4, 0, 2, 1, 3)
 _GOOD, _OTHER = "rock", "sand"
 # Distance of patches on the simulated surface, larger than any frame that is tried.
 _STEP_PX = 1500.0
@@ -141,8 +141,8 @@ class _StoredSets(StationRig):
         """Return the next set after the time of its exposures and the checks of a capture."""
         captured, hashed = self._sets[number % len(self._sets)], PixelHash()
         planes = pages(captured.images, captured.ambient, None)
-        for page in _CAPTURED:
-            time.sleep(_EXPOSURES_S / len(_CAPTURED))
+        for page in _CAPTURE_ORDER:
+            time.sleep(_EXPOSURES_S / len(_CAPTURE_ORDER))
             exposed_s = time.monotonic()
             hashed.add(page, planes[page])
         self._exposed(captured)

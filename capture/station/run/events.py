@@ -166,10 +166,13 @@ class DevicesChanged:
 
 
 @dataclass(frozen=True)
-class Noted:
-    """An action of an interface, such as an override."""
+class JsonEvent:
+    """An action in the panel, such as an override.
 
-    fields: Mapping[str, Any]  # for JSON; ``event`` names its kind
+    The process of a panel also holds the events that it receives in this form.
+    """
+
+    fields: Mapping[str, Any]  # ``event`` names its kind
 
 
 @dataclass(frozen=True)
@@ -207,12 +210,12 @@ Event = (
     | PartAcknowledged
     | Device
     | DevicesChanged
-    | Noted
+    | JsonEvent
     | Warned
     | StationStopped
 )
 
-_DIGITS = 8  # of a hash, for people to compare
+_HASH_DIGITS = 8  # for people to compare
 # Fields of an announced result for programs; its row in the results has all.
 _RESULT_FIELDS = (
     "part_id", "number", "decision", "causes", "reason", "simulated", "set_file", "chain_sha256",
@@ -228,19 +231,17 @@ def _lines(event: Event) -> list[str]:
     match event:
         case RecipeLoaded(name, version, sha256, by):
             loaded = f", loaded by {by}" if by else ""
-            return [f"recipe {name}, version {version}, {sha256[:_DIGITS]}{loaded}"]
+            return [f"recipe {name}, version {version}, {sha256[:_HASH_DIGITS]}{loaded}"]
         case StateChanged(State.EXECUTING) | StateChanged(change=Change.FREE):
             return []  # these occur for every part
         case StateChanged(state):
             return [f"{state}: {event.reason}"]
         case SelfTestFinished(checks):
-            faults = [check for check in checks if check.status != "ok"]
-            lines = [
-                f"self-test: {check.name}: {check.status}: {check.seen}; {check.advice}".rstrip(
-                    "; "
-                )
-                for check in faults
-            ]
+            lines = []
+            for check in checks:
+                if check.status != "ok":
+                    advice = f"; {check.advice}" if check.advice else ""
+                    lines.append(f"self-test: {check.name}: {check.status}: {check.seen}{advice}")
             return lines or [f"self-test: {len(checks)} checks are ok"]
         case TriggerRefused(source, part_id, reason, is_recorded):
             part = f" for {part_id}" if part_id else ""
@@ -262,7 +263,7 @@ def _lines(event: Event) -> list[str]:
 def json_fields(event: Event) -> dict[str, Any]:
     """Return an event as fields of JSON; ``event`` names its kind."""
     match event:
-        case Noted(fields):
+        case JsonEvent(fields):
             return dict(fields)
         case PartAnnounced(result, latency_ms):
             return {

@@ -24,7 +24,7 @@ from capture.station.domain.errors import CannotListen, error_text
 from capture.station.domain.folder import StationFolder
 from capture.station.results.audit import ResultsAccess
 from capture.station.results.database import ResultsUnavailable
-from capture.station.run.events import RecipeLoaded
+from capture.station.run.events import JsonEvent, RecipeLoaded
 from classify.base.models import Record
 
 from .live_station import LiveStation
@@ -46,9 +46,10 @@ _log = logging.getLogger(__name__)
 
 
 class _Request(Record):
-    """A numbered call of `LiveStation`, ``append``, or ``withdraw``.
+    """A numbered call of `LiveStation`, ``announce``, ``append``, or ``withdraw``.
 
-    ``withdraw`` reports that the client of a trigger is gone, and has no reply.
+    ``announce`` publishes an action in the panel, ``append`` writes rows. ``withdraw`` reports that
+    the client of a trigger is gone, and has no reply.
     """
 
     id: int
@@ -224,7 +225,7 @@ class _Panel:
             case "acknowledge", (part_id, by):
                 return live.acknowledge(part_id, by)
             case "announce", (fields,):
-                live.announce(fields)
+                live.publish(JsonEvent(fields))
             case "append", (table, rows, of_part):
                 self._results.opened_or_created().append_rows(table, rows, of_part)
                 return True

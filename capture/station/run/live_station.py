@@ -5,10 +5,10 @@ import queue
 import secrets
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from capture.base.utc_time import utc_text
 from capture.station.domain.fault import Fault
@@ -19,7 +19,6 @@ from .events import (
     Device,
     DevicesChanged,
     Event,
-    Noted,
     PartAcknowledged,
     RecipeLoaded,
     State,
@@ -34,7 +33,8 @@ if TYPE_CHECKING:
     from .cycle import Station
 
 Subscriber = Callable[[LiveEvent], None]
-# Events of two hundred parts; a subscriber that is further behind counts as hung.
+# Largest number of events that wait for delivery, those of two hundred parts; a subscriber that is
+# further behind counts as hung.
 MAX_EVENTS = 1000
 _POLL_S = 0.02
 _log = logging.getLogger(__name__)
@@ -43,7 +43,7 @@ _log = logging.getLogger(__name__)
 class LiveStation(LiveView):
     """Owner of a run's state; passes events to its subscribers, and requests to its cycle.
 
-    `publish` never waits, so the number of events in memory is bounded by `wait_for_room`.
+    `publish` never waits; publishers call `wait_for_room` first, to bound the events in memory.
     """
 
     def __init__(
@@ -171,7 +171,3 @@ class LiveStation(LiveView):
         if self._target is not None:
             self._target.resume()
         return True
-
-    def announce(self, fields: Mapping[str, Any]) -> None:
-        """Publish an action of an interface, such as an override."""
-        self.publish(Noted(fields))

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
-from .events import Event, Noted, PartAnnounced, PartRecovered, json_fields
+from .events import Event, JsonEvent, PartAnnounced, PartRecovered, json_fields
 from .station_state import StationState
 
 # Number of events that are kept, five for each part: a browser that was disconnected for eighty
@@ -51,16 +51,16 @@ class LiveEvent:
 
     @cached_property
     def as_line(self) -> bytes:
-        """The line of the live socket: `as_json`, the position, and what it changes."""
+        """The line of the live socket: position, changed fields of the state, `as_json`."""
         changes = STATE.dump_json(self.state, include=set(self.changed), warnings=False)
         return b'{"id":%d,"state":%s,"event":%s}\n' % (self.id, changes, self.as_json.encode())
 
     @classmethod
     def of_line(cls, line: Mapping[str, Any], before: StationState) -> "LiveEvent":
-        """Return the event of a line, which came after another state."""
+        """Return the event of a line of the live socket; `before` is the state before it."""
         position, fields, changes = line["id"], line["event"], line["state"]
         state = STATE.validate_python({**vars(before), **changes, "event_id": position})
-        return cls(position, fields.pop("utc"), Noted(fields), state, frozenset(changes))
+        return cls(position, fields.pop("utc"), JsonEvent(fields), state, frozenset(changes))
 
 
 class Subscription:
@@ -190,9 +190,7 @@ class LiveView:
 
     def _rate(self) -> float:
         now_s = self._now_s()
-        recent = [
-            instant_s for instant_s in self._announced_s if now_s - instant_s <= _RATE_WINDOW_S
-        ]
+        recent = [at_s for at_s in self._announced_s if now_s - at_s <= _RATE_WINDOW_S]
         if len(recent) < 2:
             return 0.0
         return round(60.0 * (len(recent) - 1) / max(now_s - recent[0], 1e-3), 1)

@@ -1,4 +1,4 @@
-"""From an exposed part to its result; any exception gives the verdict ERROR."""
+"""`PartJudge`: from an exposed part to its result; any exception gives the verdict ERROR."""
 
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -74,7 +74,8 @@ class PartJudge:
         if part.error is not None:
             failures.append((part.error, None))
 
-        def tried(work: Callable[[], _T], cause: Cause | None = None) -> _T | None:
+        def attempted(work: Callable[[], _T], cause: Cause | None = None) -> _T | None:
+            """Do `work`; keep an exception among the failures."""
             try:
                 return work()
             except BaseException as error:
@@ -85,13 +86,13 @@ class PartJudge:
         judged = saved = None
         captured = part.captured
         if captured is not None:
-            saving = tried(
+            saving = attempted(
                 lambda: writer.submit(self._save_set, part.begun, captured), Cause.STORAGE
             )
-            judged = tried(lambda: self._judged(captured, unjudged))
+            judged = attempted(lambda: self._judged(captured, unjudged))
             if saving is not None:
-                saved = tried(saving.result, Cause.STORAGE)
-        result = None if failures else tried(lambda: self._complete(part, judged, saved))
+                saved = attempted(saving.result, Cause.STORAGE)
+        result = None if failures else attempted(lambda: self._complete(part, judged, saved))
         if result is not None:
             return result, _fault_shown_by(result), None
         error, cause = failures[0]

@@ -1,4 +1,4 @@
-"""What a killed run leaves behind: begun parts without a result, damaged or unknown set files."""
+"""Recovery after a killed run: begun parts without a result, damaged or unknown set files."""
 
 from collections.abc import Callable, Iterator
 from itertools import islice
@@ -27,7 +27,7 @@ def finish_interrupted(
 ) -> Iterator[PartResult]:
     """Give each begun part without a result the verdict ERROR, and yield it with its intact set."""
     for part in store.unfinished():
-        stored, reason = _interrupted_set(folder, part)
+        set_fields, reason = _interrupted_set(folder, part)
         result = PartResult(
             station=store.station,
             exposed_utc=None,
@@ -36,13 +36,13 @@ def finish_interrupted(
             software_version=SOFTWARE_VERSION,
             verdict=Verdict(Decision.ERROR, reason, (Cause.INTERRUPTED,)),
             **vars(part),
-            **stored,
+            **set_fields,
         )
         yield store.add(result)
 
 
 def _interrupted_set(folder: Path, part: BegunPart) -> tuple[dict[str, Any], str]:
-    """Set fields of an interrupted part's result, and the reason of its verdict."""
+    """Fields that name the set of an interrupted part, and the reason of its verdict."""
     set_file = set_file_of(part.part_id, part.triggered_utc)
     reason = "the station was interrupted before the verdict"
     if not (folder / set_file).exists():
@@ -75,7 +75,7 @@ def damaged_sets(folder: Path, store: ResultStore) -> Iterator[str]:
 
 
 def require_own_sets(folder: StationFolder, store: ResultStore) -> None:
-    """Refuse sets of a station that had another name: the numbers of this one begin at 1."""
+    """Refuse sets that are not in the results: new parts begin at 1, with the ids of old ones."""
     if store.last_number() == 0 and folder.has_sets():
         raise InputError(
             f"{folder.parts}: holds sets, and the results have no part of a station {store.station}"
@@ -87,7 +87,7 @@ def unknown_files(folder: Path, store: ResultStore) -> Iterator[str]:
     """Yield a line for each set file whose part is not in the results."""
     names = iter(sorted((folder / PARTS).glob(f"*/*{SET_SUFFIX}")))
     while batch := list(islice(names, _FILES_AT_A_TIME)):
-        ids = {path.name.removesuffix(SET_SUFFIX): path for path in batch}
-        for part_id in sorted(ids.keys() - store.known_ids(ids)):
-            path = ids[part_id].relative_to(folder)
+        path_of = {path.name.removesuffix(SET_SUFFIX): path for path in batch}
+        for part_id in sorted(path_of.keys() - store.known_ids(path_of)):
+            path = path_of[part_id].relative_to(folder)
             yield f"{path}: no part of the results; keep it elsewhere, or restore the database"

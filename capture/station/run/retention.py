@@ -1,4 +1,4 @@
-"""Which captured sets of a station stay on its disk."""
+"""Retention: remove old set files of parts that passed."""
 
 import hashlib
 import math
@@ -18,13 +18,13 @@ from capture.station.results.store import ResultStore
 from classify.base.durable_file import make_folder, sync
 from classify.base.errors import InputError, Ps4rigError
 
-# Held while set files are removed, and by a backup while they must stay.
+# Lock that is held while set files are removed, and by a backup while they must stay.
 _LOCK = "sets"
-# A removal of a day's files takes seconds.
+# Time that a backup waits for a removal: that of a day's files takes seconds.
 _TIMEOUT_S = 60.0
 # Number of files in one transaction; an interrupted removal repeats at most so many.
 _BATCH = 200
-# Least number of days with parts whose sets stay: one that a wrong clock made, and the one before.
+# Least number of days with parts whose sets stay: one that a wrong clock made, and the day before.
 _MIN_DAYS = 2
 # Period of removals: an hour, so that each is short.
 PERIOD_S = 3600.0

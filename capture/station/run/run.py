@@ -32,10 +32,10 @@ def run_station(
     report_alive: ReportAlive = lambda _: None,
     is_collecting: bool = False,
 ) -> StationStopped:
-    """Run a station until its triggers end; Ctrl-C is raised after the parts in progress.
+    """Run a station until its triggers end, or for `parts` parts.
 
-    It ends after `parts` parts, if they are given. A run that `is_collecting` captures parts for
-    teaching, and judges none.
+    After Ctrl-C, the parts in progress are finished, and KeyboardInterrupt is raised. A run that
+    `is_collecting` captures parts for teaching, and judges none.
     """
     config, clock = folder.config, StationClock()
     operator = operator or config.operator
@@ -86,7 +86,7 @@ def _checks(
     live: LiveStation,
     clock: StationClock,
 ) -> Iterator[Check]:
-    """Check disk and database; then publish the results of parts that a killed run left behind."""
+    """Check disk and database; then record and publish the parts that a killed run left behind."""
     floor_mb, set_size = folder.config.disk_floor_mb, rig_config.set_bytes
     yield from run_checks("disk", lambda: check_disk(folder.path, floor_mb, set_size), "disk")
     yield from check_results(store)

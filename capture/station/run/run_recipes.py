@@ -1,4 +1,4 @@
-"""`RunRecipes`: the recipe by which a run judges, and other recipes that it can load."""
+"""`RunRecipes`: the present recipe of a run, and the loading of others."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -117,15 +117,13 @@ class RunRecipes:
         except RecipeRefused:
             raise
         except Exception as error:
-            kind = next(
-                (kind for error_kind, kind in _REFUSAL_OF_ERROR if isinstance(error, error_kind)),
-                None,
-            )
-            raise RecipeRefused(error_text(error), kind or RecipeRefusal.UNFORESEEN) from error
+            kinds = (kind for errors, kind in _REFUSAL_OF_ERROR if isinstance(error, errors))
+            kind = next(kinds, RecipeRefusal.UNFORESEEN)
+            raise RecipeRefused(error_text(error), kind) from error
         return usable
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:
-        """Record the recipe in use, with which the next run begins, or raise RecipeRefused."""
+        """Record and use a recipe, with which the next run begins; or raise RecipeRefused."""
         try:
             keep_recipe(self._folder, recipe.recipe.name)
             try:
@@ -138,7 +136,7 @@ class RunRecipes:
         self.present = recipe
 
     def checks(self, recipe: UsableRecipe) -> list[Check]:
-        """Return the checks of a recipe."""
+        """Return the checks of a recipe's calibration."""
         inspector = recipe.inspector
         return list(check_calibration_age(inspector.calibration, inspector.recipe.calibration))
 

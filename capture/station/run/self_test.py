@@ -144,7 +144,7 @@ def check_setting(faults: Iterable[str]) -> Iterator[Check]:
 
 
 def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
-    """Check an open rig: dark with LEDs off, light of each, a white sheet.
+    """Check an open rig: ambient light, light of each LED, and drift on a white sheet.
 
     After a fault the checks are repeated, because most disturbances are short.
     """
@@ -154,15 +154,14 @@ def check_rig(rig: Rig, sheet: CalibrationFile | None) -> list[Check]:
         if sheet is not None:
             yield from checks_of_drift(drift_of_rig(rig, sheet))
 
+    def recover() -> Iterator[Check]:
+        rig.lights.recover()
+        yield from ()  # `run_checks` makes a check of an exception
+
     for _ in range(MAX_ATTEMPTS):
         results = run_checks("rig", checks)
         if not any(check.status == "fault" for check in results):
             break
         # A transmission error leaves the line to the controller unusable until it is opened anew.
-        results += run_checks("light controller", lambda: _recovered(rig))
+        results += run_checks("light controller", recover)
     return [replace(check, device=check.device or "camera") for check in results]
-
-
-def _recovered(rig: Rig) -> Iterator[Check]:
-    rig.lights.recover()
-    return iter(())

@@ -23,7 +23,7 @@ from .self_test import check_rig, check_setting
 
 # Least time from the beginning of the wait to a simulated part: the controller is armed by then.
 _SIMULATED_ARRIVAL_S = 0.1
-# Number of earlier parts that a new part is compared with; their hashes take 2 MB.
+# Number of earlier parts whose pixels a new part is compared with; their hashes take 2 MB.
 MAX_KNOWN = 10_000
 
 
@@ -41,9 +41,8 @@ class StationRig:
         self._rig: Rig | None = None
         self._is_simulated = rig_config.is_simulated
         self._part: ArrivedPart | None = None
-        # Number of parts of the sensor that were captured or refused, and the controller that
-        # counts them.
-        self._counted, self._controller = 0, ""
+        # Number of parts that the sensor has detected, and the controller that counts them.
+        self._detected, self._controller = 0, ""
         self._number_by_pixels: dict[str, int] = {}  # of the last parts, by the hash of the pixels
 
     @property
@@ -76,7 +75,7 @@ class StationRig:
         return [*setting_checks, *check_rig(rig, self._calibration if has_sheet else None)]
 
     def wait_for_part(self, number: int, is_over: Callable[[], bool]) -> bool:
-        """Wait until the sensor has seen a part and its first light is lit; False if `is_over`."""
+        """Wait until the sensor detects a part and its first light is lit; False if `is_over`."""
         rig = self._opened()
         if rig.simulation is not None:
             self._place(number)
@@ -84,7 +83,7 @@ class StationRig:
         self._part = wait_for_part(rig, self._config.sensor_delay_ms / 1e3, is_over)
         if self._part is None:
             return False
-        self._counted += 1
+        self._detected += 1
         return True
 
     def missed_parts(self) -> int:
@@ -92,22 +91,22 @@ class StationRig:
         # Parts that pass while the rig is closed count; those before a restart of the controller do
         # not.
         lights = self._opened().lights
-        counted, controller = detected_part_count(lights), lights.identity.serial_number
-        before, is_known = self._counted, controller == self._controller
-        self._counted, self._controller = counted, controller
-        if not is_known:
+        detected, controller = detected_part_count(lights), lights.identity.serial_number
+        before, is_same = self._detected, controller == self._controller
+        self._detected, self._controller = detected, controller
+        if not is_same:
             return 0
         # A restarted controller counts from 0.
-        return counted - before if counted >= before else counted
+        return detected - before if detected >= before else detected
 
     def forget_part(self) -> None:
-        """Drop the part that the sensor saw; the LEDs go out."""
+        """Drop the part that the sensor detected; the LEDs go out."""
         self._part = None
         self._opened().lights.off()
 
     @on_free_processor()
     def capture(self, number: int) -> tuple[CapturedSet, float]:
-        """Capture the part; return its set and the `time.monotonic` of its last exposure's end."""
+        """Capture the part; return its set, and when the last exposure ended (`time.monotonic`)."""
         rig = self._opened()
         part, self._part = self._part, None
         if part is None:

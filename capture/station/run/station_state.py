@@ -29,16 +29,15 @@ from .events import (
 # Number of rejected parts on the operator's page.
 _KEPT_REJECTED = 12
 _KEPT_WARNINGS = 12
-_GRAVITY: tuple[Status, ...] = ("off", "ok", "unknown", "warning", "fault")
-_RIG = ("camera", "lights")
+_GRAVITY: tuple[Status, ...] = ("off", "ok", "unknown", "warning", "fault")  # rising
+_RIG_DEVICES = ("camera", "lights")
 STARTING = "the station is starting"
-
-
-_UNTESTED = tuple(
-    Device(name, "off", "no PLC is configured")
-    if name == "plc"
-    else Device(name, "unknown", "not tested yet")
-    for name in (*_RIG, "plc", "disk", "database")
+_UNTESTED = (
+    Device("camera", "unknown", "not tested yet"),
+    Device("lights", "unknown", "not tested yet"),
+    Device("plc", "off", "no PLC is configured"),
+    Device("disk", "unknown", "not tested yet"),
+    Device("database", "unknown", "not tested yet"),
 )
 
 
@@ -57,9 +56,9 @@ class StationState:
     station: str
     simulated: bool
     trigger: str
-    tested: tuple[Device, ...] = _UNTESTED  # as the last self-test found the devices
+    tested: tuple[Device, ...] = _UNTESTED  # the devices after the last self-test
     reason: str = STARTING
-    run: str = ""  # a random name of this run; empty where none is known
+    run: str = ""  # a random name of this run; empty without a run
     event_id: int = 0  # of the last event in the state
     state: State = State.PREOPERATIONAL
     fault: Fault | None = None  # why the state is ``error``
@@ -82,7 +81,7 @@ class StationState:
         failed = {
             name: Device(name, "fault", str(fault))
             for fault in self.faults
-            for name in (_RIG if fault.device == "rig" else (fault.device,))
+            for name in _names_of(fault.device)
         }
         return tuple(failed.get(device.name, device) for device in self.tested)
 
@@ -124,9 +123,9 @@ def changes_by(event: Event, before: StationState) -> dict[str, Any]:
                 "faults": faults,
             }
         case SelfTestFinished(checks):
-            return {"tested": _tested(before.tested, checks)}
+            return {"tested": _after_self_test(before.tested, checks)}
         case Device():
-            return {"tested": _replaced(before.tested, [event])}
+            return {"tested": _with_devices(before.tested, [event])}
         case TriggerRefused():
             return {"refused": before.refused + event.triggers}
         case PartBegun(part_id):
@@ -174,17 +173,22 @@ def _with_fault(faults: tuple[Fault, ...], fault: Fault | None) -> tuple[Fault, 
     return (*(other for other in faults if other.device != fault.device), fault)
 
 
-def _replaced(devices: tuple[Device, ...], tested: Iterable[Device]) -> tuple[Device, ...]:
-    by_name = {device.name: device for device in tested}
-    return tuple(by_name.get(device.name, device) for device in devices)
+def _names_of(device: str) -> tuple[str, ...]:
+    """Return the devices that a check or fault concerns: ``rig`` is the camera or the lights."""
+    return _RIG_DEVICES if device == "rig" else (device,)
 
 
-def _tested(before: tuple[Device, ...], checks: Iterable[Check]) -> tuple[Device, ...]:
+def _with_devices(before: tuple[Device, ...], changed: Iterable[Device]) -> tuple[Device, ...]:
+    by_name = {device.name: device for device in changed}
+    return tuple(by_name.get(device.name, device) for device in before)
+
+
+def _after_self_test(before: tuple[Device, ...], checks: Iterable[Check]) -> tuple[Device, ...]:
     """Return the devices after a self-test: each has its gravest check."""
     gravest: dict[str, Check] = {}
     counts: Counter[str] = Counter()
     for check in checks:
-        for name in _RIG if check.device == "rig" else (check.device,):
+        for name in _names_of(check.device):
             counts[name] += 1
             other = gravest.get(name)
             if other is None or _GRAVITY.index(check.status) > _GRAVITY.index(other.status):
@@ -199,4 +203,4 @@ def _tested(before: tuple[Device, ...], checks: Iterable[Check]) -> tuple[Device
     if "lights" in devices and "camera" not in devices:
         # The checks of the lights measured images of the camera.
         devices["camera"] = Device("camera", "ok", "light images were captured")
-    return _replaced(before, devices.values())
+    return _with_devices(before, devices.values())

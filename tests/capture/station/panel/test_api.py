@@ -24,7 +24,7 @@ from capture.station.panel.triggering import MAX_WAITING, KeyedTriggers
 from capture.station.results.history import HistoryEntry
 from capture.station.results.schema import overrides
 from capture.station.results.store import BegunPart, ResultStore
-from capture.station.run.events import TriggerRefused
+from capture.station.run.events import JsonEvent, TriggerRefused
 from capture.station.run.recovery import finish_interrupted
 from capture.station.run.triggers import Accepted, Refused, Trigger, TriggerTooLate
 from tests.capture.station.panel.panels import WAIT_S, RunningPanel, running_panel
@@ -265,7 +265,7 @@ def test_who_waits_for_a_part_asks_the_database_for_no_other_one(
         waiting = client.submit(panel.local.get, "/api/v1/parts/B-1?wait_s=30")
         assert begun.wait(60)
         for _ in range(20):
-            panel.live.announce({"event": "override", "part_id": "A-1"})
+            panel.live.publish(JsonEvent({"event": "override", "part_id": "A-1"}))
             time.sleep(0.01)
         assert asked == ["B-1"]
         panel.until_ready()

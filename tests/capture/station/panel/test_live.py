@@ -22,6 +22,7 @@ from capture.station.results.part_result import PartResult
 from capture.station.run.events import (
     Change,
     Device,
+    JsonEvent,
     PartAnnounced,
     PartBegun,
     SelfTestFinished,
@@ -136,7 +137,7 @@ def test_a_stream_ends_when_its_user_is_removed(
 
     def announce() -> None:
         while is_busy and not is_over.wait(0.01):
-            panel.live.announce({"event": "override"})
+            panel.live.publish(JsonEvent({"event": "override"}))
 
     threading.Thread(target=announce, daemon=True).start()
     try:
@@ -162,7 +163,7 @@ def test_events_do_not_wait_for_the_check_of_a_user(panel: RunningPanel, monkeyp
         with stream(panel.local) as messages:
             next(messages)
             gate.until_reached()
-            panel.live.announce({"event": "override"})
+            panel.live.publish(JsonEvent({"event": "override"}))
             assert any(each["event"] == "override" for each in messages)
     finally:
         gate.open()
@@ -172,7 +173,7 @@ def test_a_stream_ends_with_the_last_event(panel: RunningPanel) -> None:
     panel.until_ready()
     with stream(panel.local) as messages:
         next(messages)
-        panel.live.announce({"event": "stopped"})
+        panel.live.publish(JsonEvent({"event": "stopped"}))
         panel.live.close()
         assert [each["event"] for each in messages][-1] == "stopped"
 
@@ -199,7 +200,7 @@ def test_a_subscriber_that_takes_nothing_loses_events_and_learns_how_many() -> N
     live = live_station()
     subscription = live.subscribe()
     for number in range(MAX_WAITING + 10):
-        live.announce({"event": "filler", "number": number})
+        live.publish(JsonEvent({"event": "filler", "number": number}))
     events, lost = subscription.take()
     assert (len(events), lost) == (10, MAX_WAITING)
     assert events[-1].fields["number"] == MAX_WAITING + 9
@@ -209,7 +210,7 @@ def test_a_subscriber_that_takes_nothing_loses_events_and_learns_how_many() -> N
 def test_the_history_of_events_is_bounded_and_says_what_it_has_lost() -> None:
     live = live_station()
     for number in range(2000):
-        live.announce({"event": "filler", "number": number})
+        live.publish(JsonEvent({"event": "filler", "number": number}))
     last = live.snapshot().event_id
     kept = live.events_after(last - 5)
     assert kept is not None

@@ -17,6 +17,7 @@ from capture.station.domain.folder import make_station
 from capture.station.domain.interface_config import PanelConfig
 from capture.station.domain.users import Role, Users
 from capture.station.results.audit import newest_changes
+from capture.station.run.events import JsonEvent
 from tests.capture.station.panel.panels import PASSWORD, RunningPanel, running_panel
 from tests.free_port import free_port
 from tests.suites import NGINX
@@ -117,5 +118,5 @@ def test_pages_changes_and_events_pass_the_proxy(panel: RunningPanel, tmp_path: 
         lines = iter(events.readline, b"")
         assert b"event: snapshot\n" in lines
         # An answer that nginx collects would arrive at its end, which never comes.
-        panel.live.announce({"event": "filler"})
+        panel.live.publish(JsonEvent({"event": "filler"}))
         assert b"event: filler\n" in lines

@@ -28,6 +28,7 @@ from capture.station.panel.sessions import (
     LoginLimit,
 )
 from capture.station.results.audit import newest_changes
+from capture.station.run.events import JsonEvent
 from classify.base.errors import InputError
 from tests.capture.station.panel.panels import PASSWORD, Client, RunningPanel, running_panel
 from tests.capture.station.panel.routes import ROUTES
@@ -348,7 +349,7 @@ def test_a_client_that_does_not_read_is_cut_off(
         assert hurried.live.snapshot().subscribers == 1
         while hurried.live.snapshot().subscribers:
             assert time.monotonic() < given_up_s, "the stream stays open"
-            hurried.live.announce({"event": "filler", "text": event_bytes * "x"})
+            hurried.live.publish(JsonEvent({"event": "filler", "text": event_bytes * "x"}))
             time.sleep(0.01)
 
 
@@ -405,7 +406,7 @@ def test_the_oldest_stream_of_one_client_ends(
         third = stream(tokens[0])
         assert time.monotonic() - began_s > 0.9 * event_stream.TAKEOVER_PAUSE_S
         assert b"0\r\n" in first  # the end of the answer
-        with_users.live.announce({"event": "filler"})
+        with_users.live.publish(JsonEvent({"event": "filler"}))
         for lines in (other, second, third):
             assert b"event: filler\n" in lines
 

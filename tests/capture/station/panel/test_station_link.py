@@ -29,6 +29,7 @@ from capture.station.results.store import open_store
 from capture.station.run import live_socket
 from capture.station.run.events import (
     Change,
+    JsonEvent,
     PartAnnounced,
     PartBegun,
     RecipeLoaded,
@@ -360,7 +361,7 @@ def test_only_the_user_of_the_run_may_follow_it(
 
 def send_much(live: LiveStation, link: StationLink) -> None:
     for number in range(5 * MAX_WAITING):
-        live.announce({"event": "filler", "number": number, "text": "x" * 2000})
+        live.publish(JsonEvent({"event": "filler", "number": number, "text": "x" * 2000}))
         if number % 50 == 0:  # a station makes no hundred parts at once
             until_so(lambda: same(link, live))
 
@@ -409,7 +410,7 @@ def test_a_panel_that_leaves_while_the_run_looks_for_its_own_end_is_let_go(
     monkeypatch.setattr(Subscription, "is_closed", property(left_meanwhile))
     with running(folder) as live, connected(folder) as connection:
         until_so(lambda: live.snapshot().subscribers == 1)
-        live.announce({"event": "filler"})
+        live.publish(JsonEvent({"event": "filler"}))
         with connection.makefile("rb") as lines:
             assert list(lines)  # to the end
 

@@ -58,7 +58,7 @@ def test_a_trigger_that_a_locked_database_holds_up_is_refused_in_time(station: B
             submit()
             assert refused_triggers(station) == 0
         now_s[0] += 2 * LATER_S
-        target._beginning._limit_s = LATER_S
+        target._beginning._max_age_s = LATER_S
         until_ready(target)
         submit()
 
