@@ -167,10 +167,9 @@ class DevicesChanged:
 
 @dataclass(frozen=True)
 class JsonEvent:
-    """An action in the panel, such as an override.
+    """An action in the panel, such as an override."""
 
-    The process of a panel also holds the events that it receives in this form.
-    """
+    # The process of a panel also holds the events that it receives in this form.
 
     fields: Mapping[str, Any]  # ``event`` names its kind
 
