@@ -56,8 +56,7 @@ def history(
 
     Parts of a simulated rig do not belong to production: they are left out and counted apart.
     """
-    from capture.station.results.history import Selection, json_pieces, write_csv
-    from capture.station.results.utc import utc_bound
+    from capture.station.results.history import Selection, json_pieces, utc_bound, write_csv
 
     if json and csv:
         raise InputError("--json and --csv: give one of them")

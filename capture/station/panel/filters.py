@@ -10,9 +10,8 @@ from urllib.parse import urlencode
 from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from capture.station.domain.verdict import Decision
-from capture.station.results.history import Selection
+from capture.station.results.history import Selection, utc_bound
 from capture.station.results.statistics import Choices
-from capture.station.results.utc import utc_bound
 from classify.base.errors import InputError
 from classify.base.models import Record, validated
 

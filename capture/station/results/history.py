@@ -1,23 +1,28 @@
 """Select, count and read recorded parts, and write them as CSV and JSON."""
 
 import json
+import re
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
+from datetime import UTC, date, datetime, timedelta
 from typing import Any, TextIO
 
 from sqlalchemy import ColumnElement, Connection, Row, Select, Text, case, cast, func, select
 
 from capture.base.outputs import csv_line
+from capture.base.utc_time import utc_text
 from capture.station.domain.verdict import Cause, Decision
-from classify.base.errors import Ps4rigError
+from classify.base.errors import InputError, Ps4rigError
 
 from .chain import Head
 from .part_result import COLUMNS as RESULT_COLUMNS
 from .part_result import PartResult, result_of, storable
 from .schema import overrides, refused_triggers, removed_sets, results, same_part
 
+_MINUTE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d")
+_DAY_LENGTH = len("2026-11-22")
 PAGE_ROWS = 500  # number of rows that are in memory at a time
 _FIRST_COLUMNS = (
     "station", "number", "part_id", "triggered_utc", "verdict", "reason", "causes", "simulated",
@@ -70,6 +75,27 @@ class Selection:
 
 
 EVERY_PART = Selection()
+
+
+def utc_bound(option: str, text: str, *, is_end: bool = False, is_local: bool = False) -> str:
+    """Return the time of a bound in ISO 8601, by default UTC without an offset."""
+    # `is_end` takes the last millisecond of a date, or of a time in minutes, instead of the first,
+    # and the later one of two equal times on the day on which the clock is set back.
+    try:
+        if len(text) == _DAY_LENGTH:
+            text = f"{date.fromisoformat(text)}T{'23:59' if is_end else '00:00'}"
+        moment = datetime.fromisoformat(text)
+        if moment.tzinfo is None:
+            zone = None if is_local else UTC
+            moment = moment.replace(tzinfo=zone, fold=int(is_end)).astimezone(UTC)
+        if is_end and _MINUTE.fullmatch(text):
+            moment += timedelta(minutes=1, milliseconds=-1)
+        return utc_text(moment, timespec="milliseconds")
+    except (ValueError, OverflowError) as error:
+        raise InputError(
+            f"{option} {text or repr(text)}: give a date or a time, such as 2026-11-22 or "
+            "2026-11-22T14:30"
+        ) from error
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,6 @@ from capture.station.domain.limits import LimitedMeasures
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from classify.base.errors import InputError
 
-from .utc import require_utc
-
 # Fields that are measured numbers, None where nothing was measured.
 MEASURES = (
     "orientation_deg", "orientation_period_deg", "distance", "limit", "margin", "blur_px",
@@ -28,6 +26,8 @@ _MAX_LENGTH = 100
 _PART_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 # Windows reserves the names of devices, with any suffix.
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\..*)?", re.IGNORECASE)
+# Times with milliseconds sort as their texts do.
+_UTC = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d\.\d{3}Z")
 _GENERATED_ID = re.compile(r"part-\d+", re.IGNORECASE)
 
 
@@ -60,6 +60,13 @@ def require_given_part_id(part_id: str) -> str:
             f"part id {part_id}: the station makes ids of this form itself; give another one"
         )
     return part_id
+
+
+def require_utc(text: str) -> str:
+    """Return a time of the form ``2026-11-22T17:08:13.042Z``; `ValueError` for another one."""
+    if not _UTC.fullmatch(text):
+        raise ValueError(f"{text!r}: not a time such as 2026-11-22T17:08:13.042Z")
+    return text
 
 
 @dataclass(frozen=True)

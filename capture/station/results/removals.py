@@ -9,9 +9,9 @@ from capture.station.domain.verdict import Decision
 
 from .chain import append
 from .history import PAGE_ROWS
+from .part_result import require_utc
 from .schema import overrides, removed_sets, results, same_part
 from .store import ResultStore
-from .utc import require_utc
 
 
 def passed_sets(store: ResultStore, until_utc: str) -> Iterator[tuple[str, str]]:

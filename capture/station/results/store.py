@@ -33,7 +33,14 @@ from .history import (
     entries,
     part_groups,
 )
-from .part_result import PartResult, generated_part_id, require_given_part_id, result_of, storable
+from .part_result import (
+    PartResult,
+    generated_part_id,
+    require_given_part_id,
+    require_utc,
+    result_of,
+    storable,
+)
 from .schema import (
     HOW_TO_MAKE,
     begun_parts,
@@ -45,7 +52,6 @@ from .schema import (
     same_part,
     stations,
 )
-from .utc import require_utc
 
 _RETRY_S = 0.2  # a PostgreSQL server restarts within a second
 _T = TypeVar("_T")

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 
 from capture.base.utc_time import local_time, local_zone
-from capture.station.results.utc import utc_bound
+from capture.station.results.history import utc_bound
 
 
 @pytest.fixture(autouse=True)
