@@ -24,7 +24,6 @@ RECIPES, PARTS, LOG = "recipes", "parts", "station.log"
 _LOCK = "station.lock"
 # A larger log is renamed to station.log.1: after about 80,000 parts with a line of 100 bytes each.
 _MAX_LOG_BYTES = 8 << 20
-# The file of `_LastRecipe`.
 LAST_RECIPE = "loaded-recipe.json"
 _MAX_RECIPE_BYTES = 1 << 12
 
@@ -111,9 +110,9 @@ class _LastRecipe(Record):
 
 
 def first_recipe(folder: StationFolder) -> str:
-    """Return the recipe of the next run: the last loaded one.
+    """Return the recipe of the next run: the last loaded one, or that of ``station.toml``.
 
-    It is `recipe` of ``station.toml`` if that was changed since.
+    The latter counts if it was changed since.
     """
     path, configured = folder.path / LAST_RECIPE, folder.config.recipe
     if not path.exists():

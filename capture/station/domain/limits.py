@@ -1,4 +1,4 @@
-"""`Limits` of a recipe, and `LimitedMeasures`: the measures of a part that they bound.
+"""`Limits` of a recipe, and `LimitedMeasures`: the measures of a part that the limits bound.
 
 A new measure needs a field in `LimitedMeasures`, which is also its column in the results, and a row
 in `Limits`. The verdict, the texts of a recipe, forms and pages read the rows.

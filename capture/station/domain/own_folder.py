@@ -1,4 +1,4 @@
-"""The folder of a station belongs to one user, who alone may change it; no link leads out of it."""
+"""The folder of a station belongs to one user, who alone may change it, and has no links."""
 
 import os
 from collections.abc import Iterator

@@ -37,10 +37,10 @@ COMMENTS = {
     for model in _MODELS
     for name, field in model.model_fields.items()
 }
-"""What the keys of a recipe mean."""
+"""Meanings of the keys of a recipe."""
 _TABLES = ("orientation", "limits", "limits_of", "region", "light", "calibration", "approval")
 SECTIONS = {name: f"{COMMENTS[name][0].upper()}{COMMENTS[name][1:]}." for name in _TABLES}
-"""What the sections of a recipe mean."""
+"""Meanings of the sections of a recipe."""
 # A library of 100,000 references has 1.1 GB (`classify/library/ps4lib.py`).
 _MAX_BYTES = 1 << 34
 _BLOCK_BYTES = 1 << 20

@@ -1,4 +1,4 @@
-"""Which parts a page or an API call is about: the filters of a query."""
+"""Filters of a query, which select parts for a page or an API call."""
 
 from collections.abc import Mapping
 from contextlib import suppress
@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, WithJsonSchema
 
 from capture.station.domain.verdict import Decision
 from capture.station.results.history import Selection, utc_bound
-from capture.station.results.statistics import Choices
+from capture.station.results.statistics import known_names
 from classify.base.errors import InputError
 from classify.base.models import Record, validated
 
@@ -86,22 +86,25 @@ def selection_of(query: Mapping[str, str], filters: type[StatisticsFilters] = Fi
 
 @dataclass(frozen=True)
 class FilterForm:
-    """Values and choices of the form."""
+    """The form that selects parts: its values, and names to choose from."""
 
     # Filters of the query, with times in UTC; on a simulated rig simulated parts unless the query
     # says otherwise.
     values: Mapping[str, str]
-    choices: Choices
+    known: Mapping[str, tuple[str, ...]]  # names in the results, by ``class`` and ``recipe``
 
     @classmethod
-    def of(cls, call: Call, choices: Choices) -> Self:
+    def of(cls, call: Call) -> Self:
         """Return the form of a page."""
-        given = {name: value for name in _FILTERS if (value := call.request.query_params.get(name))}
-        for name in _TIMES & given.keys():
+        query = call.request.query_params
+        entered = {name: value for name in _FILTERS if (value := query.get(name))}
+        for name in _TIMES & entered.keys():
             with suppress(InputError):  # `selection_of` raises it again
-                given[name] = utc_bound(name, given[name], is_end=name == "until", is_local=True)
+                is_end = name == "until"
+                entered[name] = utc_bound(name, entered[name], is_end=is_end, is_local=True)
         default = "only" if call.panel.live.snapshot().simulated else "false"
-        return cls({"simulated": default} | given, choices)
+        labels, recipes = known_names(call.panel.results.store)
+        return cls({"simulated": default} | entered, {"class": labels, "recipe": recipes})
 
     @property
     def query(self) -> str:
@@ -128,6 +131,5 @@ class FilterForm:
             return ""
 
     def names(self, name: str) -> list[str]:
-        """Return the classes or recipes of all results, and the one that is asked for."""
-        known = self.choices.labels if name == "class" else self.choices.recipes
-        return list(dict.fromkeys(filter(None, (*known, self.value(name)))))
+        """Return the classes or recipes of all results, and the selected one."""
+        return list(dict.fromkeys(filter(None, (*self.known[name], self.value(name)))))

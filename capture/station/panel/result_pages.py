@@ -14,7 +14,6 @@ from capture.station.domain.users import Role
 from capture.station.domain.verdict import Cause, Decision, distinct_texts
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.part_result import PartResult
-from capture.station.results.statistics import choices
 from classify.base.errors import InputError
 from classify.library.match import MIN_MARGIN
 from classify.lighting import orientation_text
@@ -41,14 +40,13 @@ def _operator(call: ByOperator) -> Response:
 @router.get("/history")
 def _history(call: ByOperator, below: Below = None) -> Response:
     """Parts that were judged."""
-    store = call.panel.results.store
-    form = FilterForm.of(call, choices(store))
+    form = FilterForm.of(call)
     try:
         selection = selection_of(form.values)
     except InputError as error:
         return page(call, "history.html", 400, form=form, decisions=Decision, message=str(error))
     entries, next_below = newest_parts(call.panel, selection, PARTS, below)
-    counters = store.counters(selection)
+    counters = call.panel.results.store.counters(selection)
     tallies = {"production": counters.production, "simulated": counters.simulated}
     if selection.simulated is not None:
         del tallies["production" if selection.simulated else "simulated"]
@@ -62,7 +60,7 @@ def _history(call: ByOperator, below: Below = None) -> Response:
 @router.get("/statistics")
 def _statistics(call: ByOperator, _: Turn) -> Response:
     """Yield, causes, drift, gauge study."""
-    form = FilterForm.of(call, choices(call.panel.results.store))
+    form = FilterForm.of(call)
     statistics, message = None, ""
     try:
         selection = selection_of(form.values, StatisticsFilters)

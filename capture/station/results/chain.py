@@ -17,9 +17,9 @@ from sqlalchemy import Connection, Table, bindparam, insert, select, union_all
 from .schema import CHAINED
 
 _PAGE_ROWS = 500
-# The query of the last link is built only once: SQLAlchemy needs 2 ms for that, longer than the
-# database needs to store a result.
-_ENDS = (
+# The query of the last link is built only once: SQLAlchemy needs 2 ms for that, more than the
+# database needs to store a result. First the last link of each table.
+_LAST_LINKS = (
     select(table.c.link, table.c.chain_sha256)
     .where(table.c.station == bindparam("station"))
     .order_by(table.c.link.desc())
@@ -27,8 +27,8 @@ _ENDS = (
     .subquery()
     for table in CHAINED
 )
-_ENDS_OF_ALL = union_all(*map(select, _ENDS)).subquery()
-_HEAD = select(_ENDS_OF_ALL).order_by(_ENDS_OF_ALL.c.link.desc())
+_LAST_LINKS_OF_ALL = union_all(*map(select, _LAST_LINKS)).subquery()
+_HEAD_QUERY = select(_LAST_LINKS_OF_ALL).order_by(_LAST_LINKS_OF_ALL.c.link.desc())
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ def append(connection: Connection, table: Table, *rows: Mapping[str, Any]) -> He
 
 def head(connection: Connection, station: str) -> Head:
     """Return the last link of a station's chain."""
-    last = connection.execute(_HEAD, {"station": station}).first()
+    last = connection.execute(_HEAD_QUERY, {"station": station}).first()
     return Head() if last is None else Head(*last)
 
 

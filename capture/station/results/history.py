@@ -63,7 +63,7 @@ class HistoryEntry:
 class Selection:
     """A selection of the parts of a station; None selects all."""
 
-    since_utc: str | None = None  # both bounds are of the trigger, and included
+    since_utc: str | None = None  # least and greatest time of the trigger
     until_utc: str | None = None
     decision: Decision | None = None  # the verdict in force
     label: str | None = None
@@ -117,13 +117,12 @@ class Counters:
     simulated: Tally
 
 
-# The last override of each part.
-_LAST_OVERRIDE = overrides.alias("last")
-_OVERRIDES = overrides.alias("again")
+_LAST_OVERRIDE = overrides.alias("last")  # of each part
+_ANY_OVERRIDE = overrides.alias("again")
 _IS_LAST_OVERRIDE = same_part(_LAST_OVERRIDE, results) & (
     _LAST_OVERRIDE.c.position
-    == select(func.max(_OVERRIDES.c.position))
-    .where(same_part(_OVERRIDES, results))
+    == select(func.max(_ANY_OVERRIDE.c.position))
+    .where(same_part(_ANY_OVERRIDE, results))
     .scalar_subquery()
 )
 JOINED = results.outerjoin(_LAST_OVERRIDE, _IS_LAST_OVERRIDE)

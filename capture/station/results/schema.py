@@ -45,8 +45,6 @@ VERSION = 10
 HOW_TO_MAKE = "ps4rig station run makes it while parts/ is empty; if it was lost, restore a backup"
 
 _metadata = MetaData()
-
-
 _LINK = ("link", "chain_sha256")
 _TYPES: dict[object, Any] = {str: Text, int: BigInteger, bool: Boolean, float: Double}
 
@@ -63,7 +61,7 @@ def _texts(*names: str) -> Iterator[Column[Any]]:
 
 
 def _request() -> Column[Any]:
-    """A random key: after a lost connection, the program looks whether it wrote the row."""
+    """A random key by which a program finds out, after a lost connection, if it wrote the row."""
     return Column("request", Text, nullable=False, unique=True)
 
 
@@ -196,7 +194,7 @@ CHAINED = (results, overrides, refused_triggers, removed_sets, changes)
 
 
 def same_part(table: FromClause, other: FromClause) -> ColumnElement[bool]:
-    """Whether rows of two tables are of the same part."""
+    """Return the condition that rows of two tables are of the same part."""
     return and_(table.c.station == other.c.station, table.c.part_id == other.c.part_id)
 
 

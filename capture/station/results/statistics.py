@@ -4,6 +4,7 @@ Only counts leave the database, so that an answer is small for any number of par
 """
 
 import json
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -22,12 +23,15 @@ MAX_PERIODS = 400
 """Number of newest periods that are counted."""
 MAX_MEASURED = 2000
 """Parts of the control charts: 400 points, about as many as a screen can resolve."""
-_MAX_CHOICES = 100
+_MAX_NAMES = 100
 """Names that a form offers; a station knows a few dozen textures."""
-# Periods are hours up to a span of two days, days up to three months, and months beyond. A period
-# is a prefix of the time: greatest span in days, length of the prefix.
-_LENGTHS = ((2.0, len("2026-11-22T17")), (92.0, len("2026-11-22")))
-_MONTH = len("2026-11")
+# A period is a prefix of the time: hours up to a span of two days, days up to three months, and
+# months beyond. Each row has the greatest span in days and the length of the prefix.
+_PREFIX_LENGTHS = (
+    (2.0, len("2026-11-22T17")),
+    (92.0, len("2026-11-22")),
+    (math.inf, len("2026-11")),
+)
 
 
 @dataclass(frozen=True)
@@ -63,14 +67,6 @@ class CauseCount:
     after_graver: int  # parts that have it after a graver cause
 
 
-@dataclass(frozen=True)
-class Choices:
-    """Values by which parts of a station can be selected."""
-
-    labels: tuple[str, ...]
-    recipes: tuple[str, ...]
-
-
 def count_parts(store: ResultStore, selection: Selection) -> tuple[Counters, Sequence[Row[Any]]]:
     """Count the selected parts, and group them by quarter of an hour, verdict and causes."""
     # Each part is read once.
@@ -87,7 +83,7 @@ def count_parts(store: ResultStore, selection: Selection) -> tuple[Counters, Seq
 
 def counted_periods(groups: Iterable[Row[Any]], zone: tzinfo | None = None) -> list[Period]:
     """Count judged parts by period of a zone (None: that of this machine), the earliest first."""
-    verdicts: dict[datetime, Counter[Decision]] = {}
+    verdicts: dict[datetime, Counter[Decision]] = {}  # by quarter of an hour
     for group in groups:
         if group.causes != COLLECTED:
             quarter = datetime.fromisoformat(f"{group.hour}:{15 * group.quarter:02}Z")
@@ -95,7 +91,7 @@ def counted_periods(groups: Iterable[Row[Any]], zone: tzinfo | None = None) -> l
     if not verdicts:
         return []
     days = (max(verdicts) - min(verdicts)).total_seconds() / 86_400.0
-    length = next((length for max_days, length in _LENGTHS if days <= max_days), _MONTH)
+    length = next(length for max_days, length in _PREFIX_LENGTHS if days <= max_days)
     periods: dict[str, Counter[Decision]] = {}
     for quarter, counts in verdicts.items():
         periods.setdefault(quarter.astimezone(zone).isoformat()[:length], Counter()).update(counts)
@@ -158,14 +154,14 @@ def newest_measured(
     return [ChartedPart(**row._mapping) for row in reversed(rows)]
 
 
-def choices(store: ResultStore) -> Choices:
-    """Return textures and recipes of all parts, at most `_MAX_CHOICES` of each."""
+def known_names(store: ResultStore) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return textures and recipes of all parts, at most `_MAX_NAMES` of each, for a form."""
     names = results.c.label, results.c.recipe
     statement = select(*names).where(results.c.station == store.station).distinct()
     with store.reading() as connection:
         columns = list(zip(*connection.execute(statement), strict=True)) or [(), ()]
     labels, recipes = (
-        tuple(sorted({name for name in column if name is not None})[:_MAX_CHOICES])
+        tuple(sorted({name for name in column if name is not None})[:_MAX_NAMES])
         for column in columns
     )
-    return Choices(labels, recipes)
+    return labels, recipes

@@ -121,9 +121,11 @@ class ResultStore:
         self, *, trigger: str, triggered_utc: str, simulated: bool, part_id: str | None = None,
         require: Callable[[], None] = lambda: None,
     ) -> BegunPart:  # fmt: skip
-        """Record an accepted trigger before the first exposure, and give the part its number."""
-        # `require` is called under the lock of the station; if it raises, no row is written. After
-        # `ResultsUnavailable` the row may have been written: then `unfinished` lists the part.
+        """Record an accepted trigger before the first exposure, and give the part its number.
+
+        `require` is called under the lock of the station; if it raises, no row is written. After
+        `ResultsUnavailable` the row may have been written: then `unfinished` lists the part.
+        """
         if part_id is not None:
             require_given_part_id(part_id)
         require_utc(triggered_utc)

@@ -17,7 +17,7 @@ from capture.station.domain.users import Role
 from capture.station.panel.guard import CSRF_FIELD
 from capture.station.panel.panel import Panel
 from capture.station.panel.server import serving_panel
-from capture.station.run.events import State
+from capture.station.run.events import JsonEvent, State
 from capture.station.run.live_station import LiveStation
 from capture.station.run.run import run_station
 from rig import RigConfig
@@ -166,6 +166,9 @@ class OwnRun(LiveStation):
 
     def append(self, *_: object) -> bool:
         return False
+
+    def announce(self, fields: dict[str, Any]) -> None:
+        self.publish(JsonEvent(fields))
 
 
 @contextmanager

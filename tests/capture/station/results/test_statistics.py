@@ -12,13 +12,12 @@ from capture.station.results.history import Selection
 from capture.station.results.part_result import DefectRecord
 from capture.station.results.statistics import (
     MAX_PERIODS,
-    Choices,
     Period,
-    choices,
     count_parts,
     counted_causes,
     counted_defects,
     counted_periods,
+    known_names,
     newest_measured,
 )
 from capture.station.results.store import ResultStore
@@ -147,9 +146,9 @@ def test_a_clock_that_jumps_leaves_the_answer_bounded(store: ResultStore) -> Non
 
 
 def test_names_for_a_form_are_those_of_the_parts(store: ResultStore) -> None:
-    assert choices(store) == Choices((), ())
+    assert known_names(store) == ((), ())
     inspect(store, label="sand", recipe="b")
     inspect(store, label="rock", recipe="b")
     verdict = Verdict(Decision.ERROR, "LED 2 at 31 %", (Cause.CAPTURE,))
     inspect(store, Decision.ERROR, verdict=verdict)
-    assert choices(store) == Choices(("rock", "sand"), ("b",))
+    assert known_names(store) == (("rock", "sand"), ("b",))
