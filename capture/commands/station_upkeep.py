@@ -53,9 +53,10 @@ def unit(
 ) -> None:
     """Print the systemd unit of a station, with the commands that install it as comments."""
     from capture.station.domain.folder import StationFolder
-    from capture.station.service.unit import unit_text
+    from capture.station.service.unit import Unit, unit_text
 
-    print(unit_text(StationFolder(folder, is_foreign=True), user, panel), end="")
+    unit_of = {None: Unit.STATION, False: Unit.RUN, True: Unit.PANEL}
+    print(unit_text(StationFolder(folder, is_foreign=True), user, unit_of[panel]), end="")
 
 
 _BackupFile = Annotated[

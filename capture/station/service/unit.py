@@ -6,6 +6,7 @@ import shlex
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from enum import StrEnum
 from importlib.metadata import version
 from pathlib import Path
 
@@ -23,16 +24,13 @@ _UNITS = "/etc/systemd/system"
 # Longest time between two reports of a worker, without its exposures: a database that does not
 # answer is abandoned after at most 40 s, and some cameras take 10 s to open.
 _TIMEOUT_S = 60.0
-# Number of frame periods of a self-test for each light: three tests, two attempts, three frames.
+# Number of frame periods of a self-test for each image: three tests, two attempts, three frames.
 _PERIODS = 18
 # Drivers of serial adapters and of boards with USB: /proc/devices.
 _SERIAL = ("ttyACM", "ttyUSB")
 _FIRST_FREE_PORT = 1024
 _HOMES = ("/home", "/root", "/run/user")
 _TEMPORARY = ("/tmp", "/var/tmp")
-# Options of the commands, by the `panel` of `unit_text`: station run with its panel (None) or
-# without it (False), and the panel alone (True).
-_FLAGS = {None: "", False: " --no-panel", True: " --panel"}
 
 # Not here: MemoryDenyWriteExecute, which forbids numba to compile; PrivateDevices, which hides the
 # rig; ProcSubset, which hides the number of processors from the libraries.
@@ -61,29 +59,38 @@ SystemCallErrorNumber=EPERM
 UMask=0027
 LimitCORE=0
 DevicePolicy=closed"""
-_NAME = "unit"
+_CHECK = "unit"  # name of the checks
 _PROPERTIES = "FragmentPath,DropInPaths,UnitFileState,ActiveState,WatchdogUSec,NeedDaemonReload"
 _SYSTEMCTL_TIMEOUT_S = 10.0
 _MAX_BYTES = 1 << 20
 
 
-def unit_name(folder: Path, panel: bool | None = None) -> str:
-    """Return the name of the unit of a station, or of its panel, without ``.service``.
+class Unit(StrEnum):
+    """A unit of a station; the value is the option of the commands for it."""
+
+    STATION = ""  # the run with its panel
+    RUN = " --no-panel"  # the run without a panel
+    PANEL = " --panel"  # the panel alone
+
+
+def unit_name(folder: Path, unit: Unit = Unit.STATION) -> str:
+    """Return the name of a unit, without ``.service``; a run has one name with and without panel.
 
     It is made from the folder, because a copy of a station has the same name.
     """
     name = "ps4rig-" + re.sub(r"[^A-Za-z0-9:_.-]", "_", folder.resolve().name)
-    return f"{name}-panel" if panel else name
+    return f"{name}-panel" if unit is Unit.PANEL else name
 
 
-def unit_text(station: StationFolder, user: str = _USER, panel: bool | None = None) -> str:
-    """Return the unit of a station, or of its panel if `panel`; False: without a panel."""
+def unit_text(station: StationFolder, user: str = _USER, unit: Unit = Unit.STATION) -> str:
+    """Return the text of a unit."""
     config, folder = station.config, station.path.resolve()
     if not re.fullmatch(r"[a-z_][a-z0-9_-]{0,30}", user):
         raise InputError(f"--user {user!r}: give the name of a user in lower case")
-    service, devices = _panel_service(station) if panel else _run_service(station, panel)
+    is_panel = unit is Unit.PANEL
+    service, devices = _panel_service(station) if is_panel else _run_service(station, unit)
     lines = [
-        *(f"# {line}".rstrip() for line in _how_to_install(folder, user, panel)),
+        *(f"# {line}".rstrip() for line in _how_to_install(folder, user, unit)),
         *service,
         f"User={user}",
         "# After SIGTERM.",
@@ -107,7 +114,7 @@ def unit_text(station: StationFolder, user: str = _USER, panel: bool | None = No
     return "\n".join(lines) + "\n"
 
 
-def _run_service(station: StationFolder, panel: bool | None) -> tuple[list[str], list[str]]:
+def _run_service(station: StationFolder, unit: Unit) -> tuple[list[str], list[str]]:
     """Return the lines of the run, and its devices."""
     config, folder, rig = station.config, station.path.resolve(), station.rig_config()
     if config.trigger == "enter":
@@ -127,7 +134,7 @@ def _run_service(station: StationFolder, panel: bool | None) -> tuple[list[str],
         "[Service]",
         "Type=notify",
         "NotifyAccess=main",
-        f"ExecStart={_program()} station run {_word(folder)}{_FLAGS[panel]}",
+        f"ExecStart={_program()} station run {_word(folder)}{unit}",
         *([f"SupplementaryGroups={' '.join(groups)}"] if groups else []),
         "# The challenge set is replayed before the station is ready.",
         "TimeoutStartSec=30min",
@@ -161,15 +168,15 @@ def _panel_service(station: StationFolder) -> tuple[list[str], list[str]]:
     ], []
 
 
-def _how_to_install(folder: Path, user: str, panel: bool | None) -> list[str]:
-    name = unit_name(folder, panel)
+def _how_to_install(folder: Path, user: str, unit: Unit) -> list[str]:
+    name = unit_name(folder, unit)
     program = shlex.join([sys.executable, "-P", "-m", "capture"])
     place = shlex.quote(str(folder))
     return [
         f"Printed by ps4rig station unit, ps4rig {version('ps4rig')}. To install it, as root:",
         f"  id {user} || useradd --system --no-create-home --shell /usr/sbin/nologin {user}",
         f"  chown -R {user}: {place}",
-        f"  {program} station unit {place}{_FLAGS[panel]} --user {user} > {_UNITS}/{name}.service",
+        f"  {program} station unit {place}{unit} --user {user} > {_UNITS}/{name}.service",
         "  systemctl daemon-reload",
         f"  systemctl enable --now {name}",
     ]
@@ -180,12 +187,12 @@ def _program() -> str:
 
 
 def _word(value: object) -> str:
-    """A word of a command, in which $ begins a substitution."""
+    """Quote a word of a command, in which $ begins a substitution."""
     return _path(str(value).replace("$", "$$"))
 
 
 def _path(value: object) -> str:
-    """A word of a list of paths, in which % begins a substitution."""
+    """Quote a path, in which % begins a substitution."""
     text = str(value)
     if any(character < " " for character in text):
         raise InputError(f"{text!r}: such a path cannot stand in a unit")
@@ -213,7 +220,7 @@ def _devices(rig: RigConfig) -> tuple[list[str], list[str]]:
 
 
 def _lies_in(folder: Path, hidden: tuple[str, ...]) -> bool:
-    """Whether the station or this program would be hidden with some folders."""
+    """Whether the station or this program lies in folders that a unit would hide."""
     used = (folder, Path(sys.prefix), Path(sys.base_prefix), Path(__file__))
     return any(path.resolve().is_relative_to(home) for path in used for home in hidden)
 
@@ -234,12 +241,12 @@ def _capabilities(config: StationConfig) -> list[str]:
 
 
 def diagnose_unit(folder: Path) -> list[Check]:
-    """Check the units of a station; without one that can be read there is nothing to check."""
+    """Check the units of a station; an unreadable station has none to check."""
     try:
         station = StationFolder(folder, is_foreign=True)
     except InputError:
         return []
-    return run_checks(_NAME, lambda: _check_unit(station))
+    return run_checks(_CHECK, lambda: _check_unit(station))
 
 
 def _check_unit(station: StationFolder) -> Iterator[Check]:
@@ -248,10 +255,10 @@ def _check_unit(station: StationFolder) -> Iterator[Check]:
         return
     try:
         run, panel = (
-            _properties_of(unit_name(station.path, of_panel)) for of_panel in (False, True)
+            _properties_of(unit_name(station.path, unit)) for unit in (Unit.STATION, Unit.PANEL)
         )
     except (OSError, subprocess.SubprocessError) as error:
-        yield Check(_NAME, "unknown", f"systemctl cannot be asked: {error}")
+        yield Check(_CHECK, "unknown", f"systemctl cannot be asked: {error}")
         return
     yield from checks_of_units(station, run, panel)
 
@@ -271,45 +278,48 @@ def checks_of_units(
     """Check the units of the run and of the panel by the output of ``systemctl show``."""
     has_panel = True  # of the run
     if run.get("FragmentPath"):
-        has_panel = f"{_FLAGS[False]}\n" not in _text(run)
+        has_panel = f"{Unit.RUN}\n" not in _text(run)
         active, watchdog = run.get("ActiveState"), run.get("WatchdogUSec")
-        faults = [*_faults(station, run, None if has_panel else False)]
+        faults = [*_faults(station, run, Unit.STATION if has_panel else Unit.RUN)]
         if watchdog in (None, "0", "infinity"):
             faults.append(("has no watchdog", f"set WatchdogSec: {_how_to_print(station)}"))
-        yield from _checked(station, None, faults, f"{active}, watchdog {watchdog}")
+        yield from _checked(station, Unit.STATION, faults, f"{active}, watchdog {watchdog}")
     else:
         # A station that is triggered by the Enter key does not run as a service.
         by_hand = station.config.trigger == "enter"
         text, advice = f"{unit_name(station.path)} is not installed", _how_to_print(station)
-        yield Check(_NAME, "ok" if by_hand else "warning", text, f"for a service: {advice}")
+        yield Check(_CHECK, "ok" if by_hand else "warning", text, f"for a service: {advice}")
     if panel.get("FragmentPath"):
-        faults = [*_faults(station, panel, True)]
+        faults = [*_faults(station, panel, Unit.PANEL)]
         if run.get("FragmentPath") and has_panel:
-            advice = _how_to_print(station, False)
+            advice = _how_to_print(station, Unit.RUN)
             faults.append(("serves beside the panel that the run starts", advice))
-        yield from _checked(station, True, faults, f"{panel.get('ActiveState')}")
+        yield from _checked(station, Unit.PANEL, faults, f"{panel.get('ActiveState')}")
     elif not has_panel:
-        text, advice = "is not installed, and the run starts none", _how_to_print(station, True)
-        yield from _checked(station, True, [(text, advice)])
+        text, advice = (
+            "is not installed, and the run starts none",
+            _how_to_print(station, Unit.PANEL),
+        )
+        yield from _checked(station, Unit.PANEL, [(text, advice)])
 
 
 def _checked(
-    station: StationFolder, panel: bool | None, faults: list[tuple[str, str]], state: str = ""
+    station: StationFolder, unit: Unit, faults: list[tuple[str, str]], state: str = ""
 ) -> Iterator[Check]:
-    name = unit_name(station.path, panel)
+    name = unit_name(station.path, unit)
     for text, advice in faults:
-        yield Check(_NAME, "warning", f"{name} {text}", advice)
+        yield Check(_CHECK, "warning", f"{name} {text}", advice)
     if not faults:
-        yield Check(_NAME, "ok", f"{name} is installed as printed, enabled, {state}")
+        yield Check(_CHECK, "ok", f"{name} is installed as printed, enabled, {state}")
 
 
 def _faults(
-    station: StationFolder, properties: Mapping[str, str], panel: bool | None
+    station: StationFolder, properties: Mapping[str, str], unit: Unit
 ) -> Iterator[tuple[str, str]]:
-    """Faults of an installed unit, each with its remedy; `panel` as for `unit_text`."""
-    difference = _difference(station, _text(properties), panel)
+    """Faults of an installed unit, each with its remedy."""
+    difference = _difference(station, _text(properties), unit)
     if difference is not None:
-        yield difference, f"install it again: {_how_to_print(station, panel)}"
+        yield difference, f"install it again: {_how_to_print(station, unit)}"
     if drop_ins := properties.get("DropInPaths"):
         yield f"is changed by {drop_ins}", "see systemctl cat"
     if properties.get("NeedDaemonReload") == "yes":
@@ -319,8 +329,8 @@ def _faults(
         yield f"is {state or 'not enabled'}", "systemctl enable starts it with the machine"
 
 
-def _how_to_print(station: StationFolder, panel: bool | None = None) -> str:
-    return f"ps4rig station unit {station.path}{_FLAGS[panel]} prints it"
+def _how_to_print(station: StationFolder, unit: Unit = Unit.STATION) -> str:
+    return f"ps4rig station unit {station.path}{unit} prints it"
 
 
 def _text(properties: Mapping[str, str]) -> str:
@@ -328,12 +338,12 @@ def _text(properties: Mapping[str, str]) -> str:
     return read_regular_file(path, _MAX_BYTES).decode(errors="replace")
 
 
-def _difference(station: StationFolder, text: str, panel: bool | None) -> str | None:
+def _difference(station: StationFolder, text: str, unit: Unit) -> str | None:
     """The first line in which an installed unit differs from the printed one, in words."""
     installed = _settings(text)
     users = [line.removeprefix("User=") for line in installed if line.startswith("User=")]
     try:
-        expected = _settings(unit_text(station, users[0] if users else _USER, panel))
+        expected = _settings(unit_text(station, users[0] if users else _USER, unit))
     except InputError as error:
         return f"does not fit the station: {error}"
     missing = next((line for line in expected if line not in installed), None)

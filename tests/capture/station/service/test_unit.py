@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from capture.station.domain.folder import StationFolder, make_station
-from capture.station.service.unit import checks_of_units, unit_name, unit_text
+from capture.station.service.unit import Unit, checks_of_units, unit_name, unit_text
 from classify.base.errors import InputError
 
 # systemd 252 gives 2.0; a service without options has 9.6.
@@ -136,33 +136,31 @@ def test_a_name_that_is_no_user_is_refused(station: StationFolder, user: str) ->
 
 
 @pytest.mark.systemd
-@pytest.mark.parametrize("panel", [None, True])
+@pytest.mark.parametrize("unit", [Unit.STATION, Unit.PANEL])
 @pytest.mark.parametrize("name", ["line-3", 'odd name $HOME 50% "it\'s" \\x'])
-def test_systemd_reads_the_unit_without_complaint(
-    tmp_path: Path, name: str, panel: bool | None
-) -> None:
+def test_systemd_reads_the_unit_without_complaint(tmp_path: Path, name: str, unit: Unit) -> None:
     folder = tmp_path / name
     make_station(tmp_path / "line-3")
     (tmp_path / "line-3").rename(folder)
-    unit = tmp_path / "ps4rig-line-3.service"
+    path = tmp_path / "ps4rig-line-3.service"
     # The user of a unit must exist for systemd to verify it.
-    unit.write_text(unit_text(changed(folder, trigger='"http"'), "root", panel))
+    path.write_text(unit_text(changed(folder, trigger='"http"'), "root", unit))
     verified = subprocess.run(
-        ["systemd-analyze", "verify", "--man=no", str(unit)],
+        ["systemd-analyze", "verify", "--man=no", str(path)],
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert (verified.returncode, verified.stderr) == (0, "")
 
 
 @pytest.mark.systemd
-@pytest.mark.parametrize("panel", [None, True])
+@pytest.mark.parametrize("unit", [Unit.STATION, Unit.PANEL])
 def test_systemd_calls_the_unit_well_shielded(
-    station: StationFolder, tmp_path: Path, panel: bool | None
+    station: StationFolder, tmp_path: Path, unit: Unit
 ) -> None:
-    unit = tmp_path / "ps4rig-line-3.service"
-    unit.write_text(unit_text(station, panel=panel))
+    path = tmp_path / "ps4rig-line-3.service"
+    path.write_text(unit_text(station, unit=unit))
     rated = subprocess.run(
-        ["systemd-analyze", "security", "--offline=true", "--no-pager", str(unit)],
+        ["systemd-analyze", "security", "--offline=true", "--no-pager", str(path)],
         capture_output=True, text=True, timeout=60, check=True,
     )  # fmt: skip
     exposure = re.search(r"Overall exposure level .*: ([0-9.]+)", rated.stdout)
@@ -232,15 +230,15 @@ def test_a_unit_of_another_rig_or_program_is_named(
 
 @pytest.fixture
 def panel_unit(station: StationFolder, tmp_path: Path) -> Path:
-    path = tmp_path / f"{unit_name(station.path, True)}.service"
-    path.write_text(unit_text(station, "kim", True))
+    path = tmp_path / f"{unit_name(station.path, Unit.PANEL)}.service"
+    path.write_text(unit_text(station, "kim", Unit.PANEL))
     return path
 
 
 def test_the_unit_of_the_panel_is_checked_like_that_of_the_run(
     station: StationFolder, installed: Path, panel_unit: Path
 ) -> None:
-    installed.write_text(unit_text(station, "kim", False))
+    installed.write_text(unit_text(station, "kim", Unit.RUN))
     of_panel = shown(panel_unit, WatchdogUSec="0")
     checks = list(checks_of_units(station, shown(installed), of_panel))
     assert [check.status for check in checks] == ["ok", "ok"]
@@ -255,7 +253,7 @@ def test_a_station_has_one_panel(station: StationFolder, installed: Path, panel_
     checks = list(checks_of_units(station, shown(installed), shown(panel_unit)))
     assert [check.status for check in checks] == ["ok", "warning"]
     assert "beside the panel that the run starts" in checks[1].seen
-    installed.write_text(unit_text(station, "kim", False))
+    installed.write_text(unit_text(station, "kim", Unit.RUN))
     checks = list(checks_of_units(station, shown(installed), NONE))
     assert [check.status for check in checks] == ["ok", "warning"]
     assert "ps4rig-line-3-panel is not installed" in checks[1].seen
