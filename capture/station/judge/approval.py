@@ -19,14 +19,14 @@ RecordChange = Callable[[Recipe, Recipe], None]
 def approve(
     files: RecipeFolder,
     by: str,
-    seen_sha256: str | None = None,
+    shown_sha256: str | None = None,
     record: RecordChange = lambda *_: None,
 ) -> Recipe:
     """Approve the present recipe, and keep a copy in the folder of its version."""
     with files.changing():
         inspector = Inspector.load(files)
         recipe = inspector.recipe
-        require_unchanged(recipe, seen_sha256)
+        require_unchanged(recipe, shown_sha256)
         require_large_faults_found(files, inspector)
         # In milliseconds, so that two approvals within a second keep their order.
         utc = utc_text(timespec="milliseconds")
@@ -39,9 +39,9 @@ def approve(
         return approved
 
 
-def require_unchanged(recipe: Recipe, seen_sha256: str | None) -> None:
-    """Check that a recipe still has the hash that its editor saw; None: no check."""
-    if seen_sha256 is not None and recipe.sha256 != seen_sha256:
+def require_unchanged(recipe: Recipe, shown_sha256: str | None) -> None:
+    """Check that a recipe still has the hash that its editor was shown; None: no check."""
+    if shown_sha256 is not None and recipe.sha256 != shown_sha256:
         raise RecipeError(
             f"recipe {recipe.name}: was changed by somebody else since you saw it; look at it again"
         )

@@ -54,18 +54,18 @@ class RecipeChanges:
         """Take a part out of the challenge set; raises InputError if it is not there."""
         remove_from_challenge(self.files.challenge, file, self._record_part)
 
-    def save_settings(self, seen_sha256: str, values: Mapping[str, Any]) -> None:
-        """Change settings of the recipe, unless its hash is no longer `seen_sha256`."""
-        save_settings(self.files, values, seen_sha256, self._record_settings)
+    def save_settings(self, shown_sha256: str, values: Mapping[str, Any]) -> None:
+        """Change settings of the recipe, unless its hash is no longer `shown_sha256`."""
+        save_settings(self.files, values, shown_sha256, self._record_settings)
 
-    def approve(self, by: str, seen_sha256: str | None = None) -> Recipe:
+    def approve(self, by: str, shown_sha256: str | None = None) -> Recipe:
         """Approve the recipe, unless `by` has approved it already.
 
         The recorded change lists the settings that differ from the last approved state.
         """
         present = read_recipe(self.files.file)
         if present.is_approved and present.approval is not None and present.approval.by == by:
-            require_unchanged(present, seen_sha256)
+            require_unchanged(present, shown_sha256)
             return present
         last = next(iter(approved_states(self.files)), None)
 
@@ -75,7 +75,7 @@ class RecipeChanges:
             since = f"; since the last approval: {differences}" if differences else ""
             self._record("", with_approval(old), f"{with_approval(new)}{since}")
 
-        return approve(self.files, by, seen_sha256, record)
+        return approve(self.files, by, shown_sha256, record)
 
     def roll_back(self, sha256: str) -> Recipe:
         """Replace the recipe by an approved state of it."""

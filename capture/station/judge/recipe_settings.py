@@ -76,13 +76,13 @@ def setting_changes(before: Recipe, after: Recipe) -> list[_SettingChange]:
 def save_settings(
     files: RecipeFolder,
     values: Mapping[str, Any],
-    seen_sha256: str,
+    shown_sha256: str,
     record: RecordChange = lambda *_: None,
 ) -> None:
-    """Give a recipe new values for the given keys, unless its hash is no longer `seen_sha256`."""
+    """Give a recipe new values for the given keys, unless its hash is no longer `shown_sha256`."""
     with files.changing():
         before = read_recipe(files.file)
-        require_unchanged(before, seen_sha256)
+        require_unchanged(before, shown_sha256)
         after = with_settings(before, values)
         if setting_changes(before, after):
             record(before, after)

@@ -53,10 +53,10 @@ def _users(call: ByAdministrator) -> dict[str, Any]:
 
 
 @router.post("/users", status_code=201, response_model=_Account)
-def _put_user(call: ByAdministrator, given: UserFields) -> AccountFields:
+def _put_user(call: ByAdministrator, body: UserFields) -> AccountFields:
     """Add a user, or give one another role and password."""
-    _accounts_of(call).put_user(given.name, given.role, given.password)
-    return given
+    _accounts_of(call).put_user(body.name, body.role, body.password)
+    return body
 
 
 @router.delete("/users/{name}", response_model=_Removed)
@@ -73,9 +73,9 @@ def _clients(call: ByAdministrator) -> dict[str, Any]:
 
 
 @router.post("/tokens", status_code=201, response_model=_NewClient)
-def _add_client(call: ByAdministrator, given: AccountFields) -> dict[str, Any]:
+def _add_client(call: ByAdministrator, body: AccountFields) -> dict[str, Any]:
     """Add an API client; the answer has its token, which is not stored."""
-    return {**given.model_dump(), "token": _accounts_of(call).add_client(given.name, given.role)}
+    return {**body.model_dump(), "token": _accounts_of(call).add_client(body.name, body.role)}
 
 
 @router.delete("/tokens/{name}", response_model=_Removed)

@@ -62,7 +62,7 @@ def _template(
 ) -> tuple[Template, dict[str, Any]]:
     """Return a template, and its values with those of every page."""
     who = call.who
-    menu = [each for each in _MENU if who is not None and who.role.includes(each[-1])]
+    menu = [entry for entry in _MENU if who is not None and who.role.includes(entry[-1])]
     common_values = {
         "who": who,
         "status": status,
@@ -77,9 +77,10 @@ def _template(
 
 
 def answer(model: str, base: type = Record, /, *left_out: str, **fields: Any) -> type[BaseModel]:
-    """Return the model of an answer: fields of a model or dataclass, and `fields`.
+    """Return the model of an answer: the fields of `base`, and `fields` by name and type.
 
-    A field that is a tuple has a type and a default.
+    A `base` that is a dataclass gives its fields but those `left_out`. A tuple instead of a type
+    has also a default, or a description.
     """
     if is_dataclass(base):
         known = {key: kind for key, kind in get_type_hints(base).items() if key not in left_out}

@@ -108,7 +108,7 @@ def _part_text(value: object) -> str:
 
 
 class PartFields(Record):
-    """What must be known of a part that is triggered."""
+    """A part to trigger."""
 
     # Not checked here: a trigger with an id that is none is recorded as refused.
     part_id: Annotated[str, PlainValidator(_part_text), WithJsonSchema(_PART_ID)] = ""
@@ -152,7 +152,7 @@ def _state(call: ByOperator) -> Response:
 )
 async def _trigger(
     call: ByOperator,
-    given: PartFields = _ANY_PART,
+    body: PartFields = _ANY_PART,
     idempotency_key: Annotated[
         str | None,
         Header(
@@ -175,15 +175,13 @@ async def _trigger(
 
     watcher = asyncio.create_task(watch())
     try:
-        return await run_in_threadpool(_submit, call, given, idempotency_key, is_gone.is_set)
+        return await run_in_threadpool(_submit, call, body, idempotency_key, is_gone.is_set)
     finally:
         watcher.cancel()
 
 
-def _submit(
-    call: Call, given: PartFields, key: str | None, is_gone: Callable[[], bool]
-) -> Response:
-    trigger = Trigger("http", given.part_id or None, given.recipe, is_withdrawn=is_gone)
+def _submit(call: Call, body: PartFields, key: str | None, is_gone: Callable[[], bool]) -> Response:
+    trigger = Trigger("http", body.part_id or None, body.recipe, is_withdrawn=is_gone)
     answer = call.panel.triggers.submit(key, trigger)
     if isinstance(answer, Refused):
         return JsonAnswer({"accepted": False, "error": answer.reason}, 409)
@@ -334,19 +332,19 @@ def override(call: Call, part_id: str, decision: str, reason: str) -> HistoryEnt
     panel = call.panel
     with _changing(panel):
         entry = entry_of(panel, part_id)
-        given = panel.results.override(
+        decided = panel.results.override(
             call.someone, entry, decision=decision, by=call.name, reason=reason
         )
     panel.live.announce(
-        {"event": "override", "part_id": part_id, "decision": given, "by": call.name}
+        {"event": "override", "part_id": part_id, "decision": decided, "by": call.name}
     )
     return entry_of(panel, part_id)
 
 
 @router.post("/parts/{part_id}/override", response_model=_Part)
-def _override(call: ByEngineer, part_id: str, given: OverrideFields) -> Response:
+def _override(call: ByEngineer, part_id: str, body: OverrideFields) -> Response:
     """Give a part another verdict; the station's own stays beside it."""
-    return JsonAnswer(record_of(override(call, part_id, given.decision, given.reason)))
+    return JsonAnswer(record_of(override(call, part_id, body.decision, body.reason)))
 
 
 @router.get("/audit", response_model=_Changes)

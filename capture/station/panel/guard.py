@@ -90,8 +90,8 @@ async def _call(
             raise Denied(403, f"{who.name} is {who.role}; this needs the role {role}")
     fields = form_of(request, await request.body()) if is_change and not is_api else {}
     if is_change and needed.scopes and who is not None and who.csrf:
-        given = request.headers.get(_CSRF_HEADER, fields.get(CSRF_FIELD, ""))
-        if not hmac.compare_digest(given.encode("utf-8", "replace"), who.csrf.encode()):
+        sent_token = request.headers.get(_CSRF_HEADER, fields.get(CSRF_FIELD, ""))
+        if not hmac.compare_digest(sent_token.encode("utf-8", "replace"), who.csrf.encode()):
             raise Denied(403, "the page is out of date; load it again")
     if is_api:
         _require_known(request, await request.body() if is_change else b"")
@@ -114,12 +114,12 @@ def _require_known(request: Request, body: bytes) -> None:
     operation = paths[request.scope["route"].path][request.method.lower()]
     parameters = operation.get("parameters", [])
     known = [parameter["name"] for parameter in parameters if parameter["in"] == "query"]
-    given = [name for name, _ in request.query_params.multi_items()]
-    for name in given:
+    sent_names = [name for name, _ in request.query_params.multi_items()]
+    for name in sent_names:
         if name not in known:
             names = ", ".join(known) or "none"
             raise InputError(f"query {name[:40]!r} is not known; known are: {names}")
-        if given.count(name) > 1:
+        if sent_names.count(name) > 1:
             raise InputError(f"query {name!r} is given more than once")
     if body and not request.headers.get("content-type", "").lower().startswith("application/json"):
         raise Denied(415, "the body must be application/json")

@@ -65,8 +65,8 @@ class StationLink(LiveView):
 
     def submit(self, trigger: Trigger) -> Answer:
         """Pass a trigger to the station, or raise RunUnavailable."""
-        given, is_withdrawn = TRIGGER.dump_python(trigger), trigger.is_withdrawn
-        value = self._call_run("submit", given, is_withdrawn=is_withdrawn).value
+        fields = TRIGGER.dump_python(trigger)
+        value = self._call_run("submit", fields, is_withdrawn=trigger.is_withdrawn).value
         if not isinstance(value, Answer):
             raise RunUnavailable("the run has an unforeseen error; see its log")
         return value

@@ -1,4 +1,4 @@
-"""Settings of a recipe as a form: fields with values and messages, and answers."""
+"""Settings of a recipe as a form: its fields with values and messages, and the entered settings."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -76,11 +76,11 @@ class RecipeForm:
     def __init__(
         self,
         recipe: Recipe,
-        given: Mapping[str, Any] | None = None,
+        entered: Mapping[str, Any] | None = None,
         messages: Mapping[Place, str] | None = None,
     ) -> None:
         self._recipe = recipe
-        self._given = given
+        self._entered = entered
         self._messages = dict(messages or {})
         self._shown_places: set[Place] = set()
 
@@ -170,35 +170,35 @@ class RecipeForm:
         )
 
     def _text(self, name: str, value: Any, *, is_truth: bool) -> str:
-        if self._given is not None:
-            return str(self._given.get(name, ""))
+        if self._entered is not None:
+            return str(self._entered.get(name, ""))
         if is_truth:
             return "yes" if value else ""
         return _field_text(value)
 
     def _value(self, name: str, number: int) -> str:
-        if self._given is not None:
-            return str(self._given.get(name, ""))
+        if self._entered is not None:
+            return str(self._entered.get(name, ""))
         return "pass" if number < len(self._recipe.passes) else "fail"
 
     def _message(self, place: Place, name: str = "") -> str:
         self._shown_places.add(place)
-        message, text = self._messages.get(place, ""), str((self._given or {}).get(name, ""))
+        message, text = self._messages.get(place, ""), str((self._entered or {}).get(name, ""))
         is_with_comma = message and re.fullmatch(r"-?\d+,\d+", text.strip())
         return f"write {text.strip().replace(',', '.')}" if is_with_comma else message
 
 
-def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
+def settings_of(recipe: Recipe, entered: Mapping[str, Any]) -> dict[str, Any]:
     """Return the settings of a form, not yet validated."""
     # Empty fields are left out. Textures that do not pass are bad.
     names = _textures(recipe)
-    uses = [str(given.get(_use(number), "")) for number in range(len(names))]
+    uses = [str(entered.get(_use(number), "")) for number in range(len(names))]
     passes = [name for name, use in zip(names, uses, strict=True) if use == "pass"]
     settings: dict[str, Any] = {
-        "note": str(given.get("note", "")).strip() or None,
+        "note": str(entered.get("note", "")).strip() or None,
         "acknowledged": [
             name
-            for entry in str(given.get("acknowledged", "")).split(",")
+            for entry in str(entered.get("acknowledged", "")).split(",")
             if (name := entry.strip())
         ],
         "pass": passes,
@@ -206,12 +206,12 @@ def settings_of(recipe: Recipe, given: Mapping[str, Any]) -> dict[str, Any]:
         "limits_of": {},
     }
     for name, model in _MODELS.items():
-        settings[name] = dict(_entered_settings(model, name, given, getattr(recipe, name)))
+        settings[name] = dict(_entered_settings(model, name, entered, getattr(recipe, name)))
     if not settings["region"]:
         settings["region"] = None
     for number, texture in enumerate(recipe.passes):
         present = recipe.limits_of.get(texture)
-        limits = dict(_entered_settings(Limits, f"limits_of.{number}", given, present))
+        limits = dict(_entered_settings(Limits, f"limits_of.{number}", entered, present))
         if limits and texture in passes:
             settings["limits_of"][texture] = limits
     return settings
@@ -226,21 +226,21 @@ def _use(number: int) -> str:
 
 
 def _entered_settings(
-    model: type[Section], names: str, given: Mapping[str, Any], present: Section | None
+    model: type[Section], names: str, entered: Mapping[str, Any], present: Section | None
 ) -> Iterator[tuple[str, Any]]:
     for key in model.model_fields:
         name, value = f"{names}.{key}", getattr(present, key, None)
         if key in _TRUTHS:
-            yield key, given.get(name) == "yes"
+            yield key, entered.get(name) == "yes"
         elif key in RANGES:
             values = value or (None, None)
             bounds = [
-                _number(given.get(f"{name}.{number}", ""), values[number])
+                _number(entered.get(f"{name}.{number}", ""), values[number])
                 for number in range(len(_BOUNDS))
             ]
             if any(bound is not None for bound in bounds):
                 yield key, bounds
-        elif (number := _number(given.get(name, ""), value)) is not None:
+        elif (number := _number(entered.get(name, ""), value)) is not None:
             yield key, number
 
 
@@ -251,10 +251,10 @@ def _field_text(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def _number(given: Any, present: float | None) -> int | float | str | None:
+def _number(entered: Any, present: float | None) -> int | float | str | None:
     """Return the number in a field; None if it is empty, or a text that is no number."""
     # A field shows four digits of the present value. If unchanged, it returns all digits.
-    text = str(given).strip()
+    text = str(entered).strip()
     if text == _field_text(present):
         return present
     with suppress(ValueError):

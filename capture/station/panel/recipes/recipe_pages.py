@@ -145,9 +145,9 @@ def _parts_page(call: Call, name: str, below: int | None, problem: str = "") -> 
         taught=taught,
         challenge=challenge_sets(files.challenge),
         textures=textures,
-        expected=EXPECTED,
+        verdicts=EXPECTED,
         texture=call.fields.get("texture", ""),
-        wanted=call.fields.get("expected", ""),
+        expected=call.fields.get("expected", ""),
         chosen=chosen,
         further=" ".join(part_id for part_id in chosen if part_id not in usable),
         problem=problem,
@@ -162,12 +162,12 @@ def _is_usable(entry: HistoryEntry) -> bool:
 
 
 def _chosen_ids(call: Call) -> list[str]:
-    """Return the parts that are ticked, and those that are given by their id."""
+    """Return the ids of the parts that are ticked, and the typed ids."""
     ticked = [
         name.removeprefix(_CHOSEN_PREFIX) for name in call.fields if name.startswith(_CHOSEN_PREFIX)
     ]
-    given = call.text("ids", call.request.query_params.get("ids", ""))
-    return list(dict.fromkeys([*ticked, *given.replace(",", " ").split()]))
+    typed = call.text("ids", call.request.query_params.get("ids", ""))
+    return list(dict.fromkeys([*ticked, *typed.replace(",", " ").split()]))
 
 
 def _taught(files: RecipeFolder) -> tuple[dict[str, str], list[str]]:
@@ -201,8 +201,8 @@ def _use_parts(call: ByEngineer, name: Name, below: Below = None) -> Response:
         elif use == "again":
             start_teaching(call.panel, changes, [], "", is_good=True)
         elif use == "challenge":
-            given = call.text("expected", "")
-            expected = next((verdict for verdict in EXPECTED if verdict == given), None)
+            text = call.text("expected", "")
+            expected = next((verdict for verdict in EXPECTED if verdict == text), None)
             if expected is None:
                 raise InputError(f"expected: give {', '.join(EXPECTED)}")
             add_parts_to_challenge(call.panel, changes, part_ids, expected)
@@ -241,14 +241,14 @@ def _settings_page(
 @router.post(f"{_NAME}/settings")
 def _save_settings_page(call: ByEngineer, name: Name) -> Response:
     """Save the settings; the changed recipe is not approved."""
-    changes, seen = changes_of_existing(call, name), call.text("sha256")
+    changes, shown_sha256 = changes_of_existing(call, name), call.text("sha256")
     recipe = read_recipe(changes.files.file)
     try:
         # A form of another state may have other textures under the names of its fields.
-        changes.save_settings(seen, settings_of(recipe, call.fields))
+        changes.save_settings(shown_sha256, settings_of(recipe, call.fields))
     except SettingsRefused as error:
         form = RecipeForm(recipe, call.fields, error.messages)
-        return _settings_page(call, form, recipe.name, seen)
+        return _settings_page(call, form, recipe.name, shown_sha256)
     except InputError as error:
         return _settings_page(call, RecipeForm(recipe), recipe.name, recipe.sha256, str(error))
     return RedirectResponse(f"/recipes/{recipe.name}", 303)
@@ -260,14 +260,14 @@ def _change(
 ) -> Response:
     """Approve a recipe, go back to another state, load it, replay or change its challenge set."""
     changes, next_page = changes_of_existing(call, name), f"/recipes/{name}"
-    seen, removed = call.text("sha256", ""), call.text("remove", "")
+    sha256, removed = call.text("sha256", ""), call.text("remove", "")
     try:
         if action == "approve":
-            changes.approve(call.name, seen)
+            changes.approve(call.name, sha256)
         elif action == "rollback":
-            changes.roll_back(seen)
+            changes.roll_back(sha256)
         elif action == "load":
-            load_recipe(call, name, seen or None)
+            load_recipe(call, name, sha256 or None)
         elif removed:
             changes.remove_from_challenge(removed)
         else:
@@ -280,7 +280,7 @@ def _change(
 
 @router.get(f"{_NAME}/versions/{{version}}/teaching")
 def _report(call: ByOperator, name: Name, version: int) -> Response:
-    """What teaching found for a version."""
+    """The report of teaching for a version."""
     files = changes_of_existing(call, name).files
     path = files.version(version).report
     if version not in files.taught_versions() or not path.is_file():

@@ -150,11 +150,11 @@ def _versions(call: ByOperator, name: Name) -> Response:
 
 
 @router.post(f"{_RECIPE_PATH}/settings", response_model=_RecipeStatus)
-def _save_settings(call: ByEngineer, name: Name, given: SettingsFields) -> Response:
+def _save_settings(call: ByEngineer, name: Name, body: SettingsFields) -> Response:
     """Change settings; the changed recipe is not approved."""
     changes = changes_of_existing(call, name)
     try:
-        changes.save_settings(given.sha256, given.settings)
+        changes.save_settings(body.sha256, body.settings)
     except SettingsRefused as error:
         messages = {dotted(place): message for place, message in error.messages.items()}
         return JsonAnswer({"error": str(error), "settings": messages}, 400)
@@ -162,40 +162,40 @@ def _save_settings(call: ByEngineer, name: Name, given: SettingsFields) -> Respo
 
 
 @router.post(f"{_RECIPE_PATH}/approve", response_model=_RecipeStatus)
-def _approve(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
+def _approve(call: ByEngineer, name: Name, body: SeenRecipe) -> Response:
     """Approve a recipe."""
     changes = changes_of_existing(call, name)
-    changes.approve(call.name, given.sha256)
+    changes.approve(call.name, body.sha256)
     return JsonAnswer(_recipe_status(call, changes))
 
 
 @router.post(f"{_RECIPE_PATH}/rollback", response_model=_RecipeStatus)
-def _roll_back(call: ByEngineer, name: Name, given: SeenRecipe) -> Response:
+def _roll_back(call: ByEngineer, name: Name, body: SeenRecipe) -> Response:
     """Restore the approved state with this hash."""
     changes = changes_of_existing(call, name)
-    changes.roll_back(given.sha256)
+    changes.roll_back(body.sha256)
     return JsonAnswer(_recipe_status(call, changes))
 
 
 @router.post(f"{_RECIPE_PATH}/load", response_model=_Loaded)
-def _load(call: ByEngineer, name: Name, given: LoadFields = _PRESENT) -> Response:
+def _load(call: ByEngineer, name: Name, body: LoadFields = _PRESENT) -> Response:
     """Judge later parts by the recipe: 200 after the parts in progress, 409 if it is refused."""
     try:
-        return JsonAnswer({"running": vars(load_recipe(call, name, given.sha256))})
+        return JsonAnswer({"running": vars(load_recipe(call, name, body.sha256))})
     except RecipeRefused as error:
         return JsonAnswer({"error": str(error), "kind": error.kind.name}, 409)
 
 
 @router.post(f"{_RECIPE_PATH}/teach", status_code=202)
-def _teach(call: ByEngineer, name: Name, given: TeachFields, response: Response) -> Job:
+def _teach(call: ByEngineer, name: Name, body: TeachFields, response: Response) -> Job:
     """Start to teach parts: 202, 409 while a job is running."""
     response.headers["Location"] = _JOB_URL
     return start_teaching(
         call.panel,
         changes_of_new_or_existing(call, name),
-        given.parts,
-        given.texture,
-        is_good=given.use == "good",
+        body.parts,
+        body.texture,
+        is_good=body.use == "good",
     )
 
 
@@ -220,10 +220,10 @@ def _replay(call: ByEngineer, name: Name, response: Response) -> Job:
 
 
 @router.post(f"{_RECIPE_PATH}/challenge/parts", status_code=201, response_model=_Sets)
-def _add_to_challenge(call: ByEngineer, name: Name, given: ChallengeFields) -> dict[str, Any]:
+def _add_to_challenge(call: ByEngineer, name: Name, body: ChallengeFields) -> dict[str, Any]:
     """Add parts to the challenge set."""
     changes = changes_of_new_or_existing(call, name)
-    add_parts_to_challenge(call.panel, changes, given.parts, given.expected)
+    add_parts_to_challenge(call.panel, changes, body.parts, body.expected)
     return {"sets": challenge_sets(changes.files.challenge)}
 
 

@@ -2,7 +2,7 @@
 import { ANSWER_MS } from "/static/requests.js";
 import { age, blankPictures, forgetThumbnails, showAges, showPictures, thumbnail } from "/static/part_pictures.js";
 
-const SILENCE_MS = 20000; // the state is asked for each 5 s
+const SILENCE_MS = 20000; // the page asks for the state every 5 s
 const PATIENCE_MS = 2000; // a panel that is restarted is back before
 const REFRESH_MS = 5000; // the rate falls without an event, and a proxy may hold events back
 const RETRY_MS = 5000;
@@ -12,7 +12,7 @@ const csrf = document.querySelector('meta[name="csrf"]').content;
 
 let drawn = { run: "", id: 0 }; // the last event that the page shows
 let last = null; // the last result
-let due = 0; // number of the last part, 5 s ago
+let lastNumber = 0; // of the last part, 5 s ago
 let counts = { PASS: 0, FAIL: 0, UNKNOWN: 0, ERROR: 0 };
 let refused = 0;
 let rejected = []; // the newest first
@@ -87,20 +87,20 @@ function showDevices(devices) {
   byId("devices").replaceChildren(...devices.map((device) => {
     const item = document.createElement("li");
     const name = document.createElement("b");
-    const found = document.createElement("small");
+    const note = document.createElement("small");
     item.dataset.status = device.status;
     name.textContent = device.name;
-    found.textContent = device.text;
-    item.append(name, `: ${device.status} `, found);
+    note.textContent = device.text;
+    item.append(name, `: ${device.status} `, note);
     return item;
   }));
 }
 
-function tellRejected() {
+function updateRejectedTexts() {
   for (const [number, item] of [...byId("rejected").children].entries()) {
     const part = rejected[number];
-    const seen = part.acknowledged_by ? `seen by ${part.acknowledged_by}, ` : "";
-    item.querySelector("p").textContent = `${seen}${age(part.decided_utc)} ago: ${part.reason}`;
+    const acknowledged = part.acknowledged_by ? `seen by ${part.acknowledged_by}, ` : "";
+    item.querySelector("p").textContent = `${acknowledged}${age(part.decided_utc)} ago: ${part.reason}`;
   }
 }
 
@@ -108,15 +108,15 @@ function showRejected() {
   byId("rejected").replaceChildren(...rejected.map((part) => {
     const item = document.createElement("li");
     const link = document.createElement("a");
-    const about = document.createElement("p");
-    about.title = part.reason;
+    const reason = document.createElement("p");
+    reason.title = part.reason;
     item.dataset.decision = part.decision;
     link.href = partPage(part.part_id);
     link.append(shape(part.decision), ` ${part.decision} ${part.part_id}`);
-    item.append(thumbnail(part), link, about);
+    item.append(thumbnail(part), link, reason);
     return item;
   }));
-  tellRejected();
+  updateRejectedTexts();
   forgetThumbnails(rejected);
   allowAcknowledge();
 }
@@ -137,7 +137,7 @@ function showSnapshot(all) {
   setText("rate", String(all.parts_per_minute));
 }
 
-const takes = {
+const handlers = {
   snapshot: showSnapshot,
   state: (event) => showState(event.state, event.reason, event.fault),
   recipe: showRecipe,
@@ -199,7 +199,7 @@ function lost() {
 function follow() {
   const stream = new EventSource("/api/v1/events");
   source = stream;
-  for (const [kind, take] of Object.entries(takes)) {
+  for (const [kind, handle] of Object.entries(handlers)) {
     stream.addEventListener(kind, (message) => {
       const [run, id] = message.lastEventId.split(".");
       const wasLost = !isConnected;
@@ -208,7 +208,7 @@ function follow() {
       // a snapshot follow it.
       if (kind === "snapshot" || run !== drawn.run || Number(id) > drawn.id) {
         drawn = { run, id: Number(id) };
-        take(JSON.parse(message.data));
+        handle(JSON.parse(message.data));
       }
       if (wasLost && kind !== "snapshot") refresh(true);
     });
@@ -235,8 +235,8 @@ async function refresh(isWhole = false) {
     if (source === null) return;
     const wasLost = !isConnected;
     heard();
-    const isBehind = due > (last?.number ?? 0);
-    due = all.last?.number ?? 0;
+    const isBehind = lastNumber > (last?.number ?? 0);
+    lastNumber = all.last?.number ?? 0;
     if (!wasLost && !isWhole && !isBehind) setText("rate", String(all.parts_per_minute));
     else if (all.run === drawn.run && all.event_id < drawn.id) refresh(true); // events overtook it
     else showSnapshot(all);
@@ -264,7 +264,7 @@ function trigger() {
 }
 
 function acknowledge() {
-  const part = rejected.find((each) => !each.acknowledged_by);
+  const part = rejected.find((rejectedPart) => !rejectedPart.acknowledged_by);
   if (!isConnected) return;
   if (part) change(`/api/v1/parts/${encodeURIComponent(part.part_id)}/acknowledge`);
   else if (isStopped) change("/api/v1/acknowledge");
@@ -281,7 +281,7 @@ document.addEventListener("keydown", (event) => {
 setInterval(() => {
   showAge();
   showAges();
-  tellRejected();
+  updateRejectedTexts();
   if (source !== null && (!isConnected || Date.now() - heardMs > SILENCE_MS)) lost();
 }, 1000);
 setInterval(() => {

@@ -1,6 +1,6 @@
 // The page of a part: its pictures, a light that the mouse moves, and outlines of its defects.
 import { Relit } from "/static/relit.js";
-import { asked, pause, picturesOf, retrying, waitMs } from "/static/requests.js";
+import { fetched, pause, picturesOf, retrying, waitMs } from "/static/requests.js";
 
 const STEP_DEG = 5; // of an arrow key
 const byId = (id) => document.getElementById(id);
@@ -11,7 +11,7 @@ let defects = [];
 let isDue = false;
 
 if (matchMedia("(max-width: 40rem)").matches) {
-  for (const each of document.querySelectorAll(".fold")) each.open = each.querySelector(".problem") !== null;
+  for (const section of document.querySelectorAll(".fold")) section.open = section.querySelector(".problem") !== null;
 }
 
 async function loaded(url) {
@@ -21,17 +21,17 @@ async function loaded(url) {
   return image;
 }
 
-// The description of the pictures, and those that the relit view is computed from.
-async function made(partId) {
-  const about = await (await asked(`${picturesOf(partId)}?size=large`)).json();
-  const url = Object.fromEntries(about.pictures.map((each) => [each.name, each.url]));
-  return [about, url, await loaded(url.slopes), await loaded(url.albedo)];
+// The list of the pictures, their addresses by name, and the two that the relit view is computed from.
+async function loadPictures(partId) {
+  const listing = await (await fetched(`${picturesOf(partId)}?size=large`)).json();
+  const url = Object.fromEntries(listing.pictures.map((picture) => [picture.name, picture.url]));
+  return [listing, url, await loaded(url.slopes), await loaded(url.albedo)];
 }
 
-async function madeInTheEnd(partId) {
+async function loadPicturesWithRetries(partId) {
   for (let failures = 1; ; failures += 1) {
     try {
-      return await made(partId);
+      return await loadPictures(partId);
     } catch (error) {
       byId("no-pictures").textContent = `No pictures: ${error.message}`;
       if (error.isFinal) return null;
@@ -64,7 +64,7 @@ function view(title, caption, tileUrl, url) {
   tile.src = tileUrl;
   button.append(tile, label);
   button.addEventListener("click", () => {
-    for (const each of byId("views").children) each.setAttribute("aria-pressed", String(each === button));
+    for (const other of byId("views").children) other.setAttribute("aria-pressed", String(other === button));
     canvas.hidden = url !== null;
     byId("shown").hidden = url === null;
     if (url !== null) {
@@ -78,8 +78,8 @@ function view(title, caption, tileUrl, url) {
 
 function showDefect(number) {
   for (const button of document.querySelectorAll("#defects button")) {
-    const isIt = Number(button.dataset.defect) === number;
-    button.setAttribute("aria-pressed", String(isIt && button.getAttribute("aria-pressed") === "false"));
+    const isChosen = Number(button.dataset.defect) === number;
+    button.setAttribute("aria-pressed", String(isChosen && button.getAttribute("aria-pressed") === "false"));
   }
   const pressed = document.querySelector('#defects button[aria-pressed="true"]');
   const corners = pressed === null ? [] : [defects[Number(pressed.dataset.defect)].outline];
@@ -93,19 +93,20 @@ function showDefect(number) {
 
 // The defect at a point of the picture, in pixels of the light images; -1 without one.
 function defectAt(x, y) {
-  return defects.findIndex((each) => x >= each.column && x < each.column + each.width
-    && y >= each.row && y < each.row + each.height);
+  return defects.findIndex((box) => x >= box.column && x < box.column + box.width
+    && y >= box.row && y < box.row + box.height);
 }
 
-function placed(event) {
+// The position of the pointer, as shares of the picture.
+function positionOf(event) {
   const box = byId("stage").getBoundingClientRect();
   return [(event.clientX - box.left) / box.width, (event.clientY - box.top) / box.height, box];
 }
 
-function follow(about) {
+function listen(widthPx, heightPx) {
   for (const kind of ["pointermove", "pointerdown"]) {
     canvas.addEventListener(kind, (event) => {
-      const [across, down, box] = placed(event);
+      const [across, down, box] = positionOf(event);
       const half = Math.min(box.width, box.height) / 2;
       relit.aim(((across - 0.5) * box.width) / half, ((0.5 - down) * box.height) / half);
       drawSoon();
@@ -119,8 +120,8 @@ function follow(about) {
     drawSoon();
   });
   byId("stage").addEventListener("click", (event) => {
-    const [across, down] = placed(event);
-    const number = defectAt(across * about.width_px, down * about.height_px);
+    const [across, down] = positionOf(event);
+    const number = defectAt(across * widthPx, down * heightPx);
     if (number >= 0) showDefect(number);
   });
   byId("grey").addEventListener("change", (event) => {
@@ -138,22 +139,22 @@ function follow(about) {
 }
 
 async function show(partId) {
-  const found = await madeInTheEnd(partId);
-  if (found === null) return;
-  const [about, url, slopes, albedo] = found;
-  defects = about.defects;
+  const loadedPictures = await loadPicturesWithRetries(partId);
+  if (loadedPictures === null) return;
+  const [listing, url, slopes, albedo] = loadedPictures;
+  defects = listing.defects;
   relit = new Relit(canvas, slopes, albedo);
-  byId("outlines").setAttribute("viewBox", `0 0 ${about.width_px} ${about.height_px}`);
-  byId("stage").style.setProperty("--aspect", String(about.width_px / about.height_px));
+  byId("outlines").setAttribute("viewBox", `0 0 ${listing.width_px} ${listing.height_px}`);
+  byId("stage").style.setProperty("--aspect", String(listing.width_px / listing.height_px));
   const first = view("relit", "Move the mouse over the picture, or press the arrow keys, to move the light. Press on a defect to outline it.", url.relief, null);
-  const others = about.pictures.filter((each) => each.name !== "slopes");
-  byId("views").replaceChildren(first, ...others.map((each) => view(each.title, each.caption, each.url, each.url)));
-  byId("notes").replaceChildren(...about.notes.map((note) => {
+  const others = listing.pictures.filter((picture) => picture.name !== "slopes");
+  byId("views").replaceChildren(first, ...others.map((picture) => view(picture.title, picture.caption, picture.url, picture.url)));
+  byId("notes").replaceChildren(...listing.notes.map((note) => {
     const item = document.createElement("li");
     item.textContent = note;
     return item;
   }));
-  follow(about);
+  listen(listing.width_px, listing.height_px);
   byId("no-pictures").hidden = true;
   holder.classList.remove("without");
   first.click();

@@ -1,19 +1,19 @@
 // Pictures of the last part, and thumbnails of rejected ones, one request after the other: a trigger
 // never waits behind them for a connection. A picture that is older than its part is blanked.
-import { asked, picturesOf, shownIn, waitMs } from "/static/requests.js";
+import { fetched, picturesOf, showBlob, waitMs } from "/static/requests.js";
 
 const LEFT_OUT = "normals"; // for the page of the part
 const REST_MS = 1500; // until the last part of a fast line counts as the last
 const THUMBNAIL_MS = 250; // between two thumbnails
 const byId = (id) => document.getElementById(id);
 
-let wanted = null; // the last part
-let tried = null; // the part whose pictures were asked for last
+let lastPart = null;
+let triedPart = null; // the part of the last request
 let triedMs = 0;
-let shown = null; // the part of the pictures, which may be older
+let shownPart = null; // the part whose pictures the page shows, which may be older
 let problem = "";
 let failures = 0; // attempts since the last success
-let isGivenUp = false; // another attempt for the wanted part cannot succeed
+let isGivenUp = false; // another attempt for the last part cannot succeed
 let isOld = false; // another part is in the station, or the station is silent
 let isWorking = false;
 let isDue = false;
@@ -30,13 +30,13 @@ export function age(utc) {
 }
 
 // The picture that says most of a part.
-const telling = (part) => (part.defects.length > 0 ? "defects" : "relief");
+const mostTelling = (part) => (part.defects.length > 0 ? "defects" : "relief");
 const now = () => performance.now();
 const second = (part) => Math.floor(Date.parse(part.decided_utc) / 1000);
 
 export function showPictures(part) {
-  if (part === null || part.part_id === wanted?.part_id) return;
-  wanted = part;
+  if (part === null || part.part_id === lastPart?.part_id) return;
+  lastPart = part;
   isOld = false;
   isGivenUp = part.set_file === null;
   problem = isGivenUp ? "no set was captured" : "";
@@ -50,49 +50,49 @@ export function blankPictures(isBlank) {
 }
 
 export function showAges() {
-  const isFresh = shown !== null && shown.part_id === wanted?.part_id && !isOld;
-  const made = shown === null ? "" : `picture of ${shown.part_id}, ${age(shown.decided_utc)} old`;
-  const text = shown === null ? problem || "no picture" : [made, problem].filter(Boolean).join("; ");
+  const isFresh = shownPart !== null && shownPart.part_id === lastPart?.part_id && !isOld;
+  const made = shownPart === null ? "" : `picture of ${shownPart.part_id}, ${age(shownPart.decided_utc)} old`;
+  const text = shownPart === null ? problem || "no picture" : [made, problem].filter(Boolean).join("; ");
   for (const figure of figures.values()) {
     figure.classList.toggle("blank", !isFresh);
     figure.querySelector(".age").textContent = isFresh ? "" : text;
   }
-  byId("pictures").setAttribute("aria-busy", String(!isFresh && problem === "" && wanted !== null));
+  byId("pictures").setAttribute("aria-busy", String(!isFresh && problem === "" && lastPart !== null));
 }
 
 // Returns the element of a rejected part, which stays the same.
 export function thumbnail(part) {
-  let found = thumbnails.get(part.part_id);
-  if (found === undefined) {
+  let entry = thumbnails.get(part.part_id);
+  if (entry === undefined) {
     const image = new Image(96, 96);
     image.alt = "";
     image.className = "thumbnail";
     image.hidden = true;
-    found = { part, image, failures: 0, dueMs: part.set_file === null ? Infinity : 0 };
-    thumbnails.set(part.part_id, found);
+    entry = { part, image, failures: 0, dueMs: part.set_file === null ? Infinity : 0 };
+    thumbnails.set(part.part_id, entry);
     plan();
   }
-  return found.image;
+  return entry.image;
 }
 
 export function forgetThumbnails(parts) {
-  const kept = new Set(parts.map((part) => part.part_id));
-  for (const partId of thumbnails.keys()) if (!kept.has(partId)) thumbnails.delete(partId);
+  const partIds = new Set(parts.map((part) => part.part_id));
+  for (const partId of thumbnails.keys()) if (!partIds.has(partId)) thumbnails.delete(partId);
 }
 
 // When the pictures of the last part are due. All pages choose the same parts, so that the station
 // makes their pictures once: the first that is judged in a second, and the last before a pause.
 function lastDueMs() {
-  if (wanted === null || isGivenUp || shown?.part_id === wanted.part_id) return Infinity;
+  if (lastPart === null || isGivenUp || shownPart?.part_id === lastPart.part_id) return Infinity;
   if (failures > 0) return triedMs + waitMs(failures);
-  return tried === null || second(wanted) !== second(tried) ? 0 : triedMs + REST_MS;
+  return triedPart === null || second(lastPart) !== second(triedPart) ? 0 : triedMs + REST_MS;
 }
 
 function next() {
   let [dueMs, load] = [lastDueMs(), loadLast];
-  for (const each of thumbnails.values()) {
-    const thumbnailDueMs = Math.max(each.dueMs, thumbnailMs + THUMBNAIL_MS);
-    if (thumbnailDueMs < dueMs) [dueMs, load] = [thumbnailDueMs, () => loadThumbnail(each)];
+  for (const entry of thumbnails.values()) {
+    const thumbnailDueMs = Math.max(entry.dueMs, thumbnailMs + THUMBNAIL_MS);
+    if (thumbnailDueMs < dueMs) [dueMs, load] = [thumbnailDueMs, () => loadThumbnail(entry)];
   }
   return [dueMs, load];
 }
@@ -120,30 +120,31 @@ async function work() {
 }
 
 async function loadLast() {
-  const part = wanted;
-  const isWanted = () => part.part_id === wanted.part_id;
-  [tried, triedMs] = [part, now()];
+  const part = lastPart;
+  const isStillLast = () => part.part_id === lastPart.part_id;
+  [triedPart, triedMs] = [part, now()];
   try {
-    const answer = await asked(`${picturesOf(part.part_id)}?content=yes&without=${LEFT_OUT}`);
-    const about = await answer.json();
+    const answer = await fetched(`${picturesOf(part.part_id)}?content=yes&without=${LEFT_OUT}`);
+    const { pictures } = await answer.json();
     failures = 0;
-    if (!isWanted()) return;
+    if (!isStillLast()) return;
     const images = [];
-    for (const each of about.pictures) {
-      if (each.content === undefined) continue;
+    for (const picture of pictures) {
+      if (picture.content === undefined) continue;
       const image = new Image();
-      image.src = `data:${each.media_type};base64,${each.content}`; // decoded by the browser itself
+      // Decoded by the browser itself.
+      image.src = `data:${picture.media_type};base64,${picture.content}`;
       await image.decode();
-      images.push([each, image]);
+      images.push([picture, image]);
     }
-    if (!isWanted()) return;
-    [shown, problem] = [part, ""];
-    const names = about.pictures.map((each) => each.name);
+    if (!isStillLast()) return;
+    [shownPart, problem] = [part, ""];
+    const names = pictures.map((picture) => picture.name);
     for (const [name, figure] of figures) if (!names.includes(name)) forget(name, figure);
-    for (const [each, image] of images) place(each, image, part);
+    for (const [picture, image] of images) place(picture, image, part);
   } catch (error) {
     failures = error.isFinal ? 0 : failures + 1;
-    if (!isWanted()) return;
+    if (!isStillLast()) return;
     isGivenUp = Boolean(error.isFinal);
     problem = error.message;
   }
@@ -155,39 +156,40 @@ function forget(name, figure) {
   figures.delete(name);
 }
 
-function place(about, image, part) {
-  let figure = figures.get(about.name);
+function place(picture, image, part) {
+  let figure = figures.get(picture.name);
   if (figure === undefined) {
     figure = document.createElement("figure");
     figure.className = "picture";
-    figure.dataset.name = about.name;
+    figure.dataset.name = picture.name;
     const link = document.createElement("a");
     const old = document.createElement("span");
     const caption = document.createElement("figcaption");
     old.className = "age";
     link.append(new Image(), old);
     figure.append(link, caption);
-    figures.set(about.name, figure);
+    figures.set(picture.name, figure);
   }
-  byId(about.name === telling(part) ? "main-picture" : "pictures").append(figure);
+  byId(picture.name === mostTelling(part) ? "main-picture" : "pictures").append(figure);
   const link = figure.querySelector("a");
-  image.alt = `${about.title} of ${part.part_id}`;
-  image.title = about.caption;
+  image.alt = `${picture.title} of ${part.part_id}`;
+  image.title = picture.caption;
   link.href = `/parts/${encodeURIComponent(part.part_id)}`;
   link.querySelector("img").replaceWith(image);
-  figure.querySelector("figcaption").textContent = about.title;
+  figure.querySelector("figcaption").textContent = picture.title;
 }
 
-async function loadThumbnail(each) {
+async function loadThumbnail(entry) {
   thumbnailMs = now();
   try {
-    const answer = await asked(`${picturesOf(each.part.part_id)}/${telling(each.part)}`);
-    await shownIn(each.image, await answer.blob());
-    each.image.hidden = false;
-    each.dueMs = Infinity;
+    const answer = await fetched(`${picturesOf(entry.part.part_id)}/${mostTelling(entry.part)}`);
+    await showBlob(entry.image, await answer.blob());
+    entry.image.hidden = false;
+    entry.dueMs = Infinity;
   } catch (error) {
-    each.failures += 1;
-    each.dueMs = error.isFinal ? Infinity : now() + waitMs(each.failures); // its page says why
+    entry.failures += 1;
+    // The page of the part says why.
+    entry.dueMs = error.isFinal ? Infinity : now() + waitMs(entry.failures);
   }
 }
 

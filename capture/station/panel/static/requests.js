@@ -11,7 +11,7 @@ export const picturesOf = (partId) => `/api/v1/parts/${encodeURIComponent(partId
 
 // The answer to a request for pictures. An error is final if another attempt cannot succeed: the
 // set was removed, or is damaged.
-export async function asked(path) {
+export async function fetched(path) {
   const answer = await fetch(path, {
     headers: { Accept: "application/json" },
     signal: AbortSignal.timeout(PICTURES_MS),
@@ -23,7 +23,7 @@ export async function asked(path) {
 }
 
 // An element with the picture of a blob.
-export async function shownIn(image, blob) {
+export async function showBlob(image, blob) {
   const url = URL.createObjectURL(blob);
   try {
     image.src = url;
@@ -45,7 +45,7 @@ export function retrying(image) {
     await pause(waitMs(failures));
     if (image.src !== url) return;
     try {
-      await (await asked(url)).blob();
+      await (await fetched(url)).blob();
     } catch (error) {
       if (error.isFinal) return;
     }
