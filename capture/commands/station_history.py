@@ -56,7 +56,7 @@ def history(
 
     Parts of a simulated rig do not belong to production: they are left out and counted apart.
     """
-    from capture.station.results.history import Selection, json_pieces, utc_bound, write_csv
+    from capture.station.results.history import Selection, csv_pieces, json_pieces, utc_bound
 
     if json and csv:
         raise InputError("--json and --csv: give one of them")
@@ -70,7 +70,7 @@ def history(
     chosen_parts = selection if include_simulated else replace(selection, simulated=False)
     with _results_of(folder) as store:
         if csv:
-            write_csv(store.parts(chosen_parts), sys.stdout)
+            sys.stdout.writelines(csv_pieces(store.parts(chosen_parts)))
         elif json:
             counters, chain = store.counters(selection), store.chain_head()
             sys.stdout.writelines(

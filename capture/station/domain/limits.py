@@ -4,6 +4,7 @@ A new measure needs a field in `LimitedMeasures`, which is also its column in th
 in `Limits`. The verdict, the texts of a recipe, forms and pages read the rows.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from typing import Annotated, Literal, Self
@@ -12,13 +13,15 @@ from pydantic import Field, model_validator
 
 from classify.base.models import Section
 
-from .verdict import Cause, distinct_texts
+from .verdict import Cause
 
 _Positive = Annotated[float, Field(gt=0.0, le=1e6)]
 _Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Pixels = Annotated[int, Field(ge=0)]
 Side = Literal["at least", "at most"]
 """Side of a bound on which values are allowed."""
+# Significant digits that distinguish all 64-bit floats.
+_MAX_DIGITS = 17
 _Range = tuple[Annotated[float, Field(ge=0.0)], _Positive]
 
 
@@ -67,6 +70,15 @@ class LimitRow:
             low, high = (f"{bound:{self.format_spec}}" for bound in limit)
             return f"{self.label} {value:{self.format_spec}} within {low} to {high}"
         return f"{self.label} {value:{self.format_spec}} of {limit:{self.format_spec}}"
+
+
+def distinct_texts(value: float, bound: float, format_spec: str) -> tuple[str, str]:
+    """Return two numbers as texts, with as many digits more as they need to differ."""
+    digits, kind = int(format_spec[1:-1]), format_spec[-1]
+    if math.isfinite(value) and value != bound:
+        while digits < _MAX_DIGITS and f"{value:.{digits}{kind}}" == f"{bound:.{digits}{kind}}":
+            digits += 1
+    return f"{value:.{digits}{kind}}", f"{bound:.{digits}{kind}}"
 
 
 def excess_text(value: float, side: Side, bound: float, format_spec: str) -> str | None:

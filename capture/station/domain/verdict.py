@@ -1,6 +1,5 @@
 """`Verdict`: the decision of the station on a part, and its reason."""
 
-import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Self
@@ -15,8 +14,6 @@ class Decision(StrEnum):
     ERROR = "ERROR"
 
 
-# Significant digits that distinguish all 64-bit floats.
-_MAX_DIGITS = 17
 # Codes of causes for a PLC, by verdict, the gravest first.
 _CODES = {
     Decision.ERROR: range(1, 20),
@@ -98,12 +95,3 @@ class Verdict:
     def __post_init__(self) -> None:
         if (self.decision is Decision.PASS) == bool(self.causes):
             raise ValueError(f"{self.decision} with causes {list(self.causes)}")
-
-
-def distinct_texts(value: float, bound: float, format_spec: str) -> tuple[str, str]:
-    """Return two numbers as texts, with as many digits more as they need to differ."""
-    digits, kind = int(format_spec[1:-1]), format_spec[-1]
-    if math.isfinite(value) and value != bound:
-        while digits < _MAX_DIGITS and f"{value:.{digits}{kind}}" == f"{bound:.{digits}{kind}}":
-            digits += 1
-    return f"{value:.{digits}{kind}}", f"{bound:.{digits}{kind}}"

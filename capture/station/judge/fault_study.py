@@ -1,4 +1,4 @@
-"""Fault study: which faults, made from images of good parts, a recipe finds, and how strong."""
+"""Fault study: the strength from which a recipe finds faults that are made in good parts."""
 
 import math
 import random
@@ -45,7 +45,7 @@ _SAME_TILT_DEG = 3.0  # largest difference of the tilts of lights that replace e
 
 @dataclass(frozen=True)
 class Place:
-    """Middle of a fault in px from the middle of the frame, and the direction of a strip."""
+    """Middle of a fault in px from the middle of the frame; direction of a strip."""
 
     x_px: float
     y_px: float
@@ -253,15 +253,14 @@ class FaultStudy(Record):
         for texture, fault in dict.fromkeys(
             (finding.texture, finding.fault) for finding in self.findings
         ):
-            rows = [f for f in self.findings if (f.texture, f.fault) == (texture, fault)]
-            first_found = next(
-                (n for n in range(len(rows)) if all(row.is_found for row in rows[n:])), None
-            )
-            counts = ", ".join(f"{f.strength:g}: {f.found} of {f.parts}" for f in rows)
+            rows = [row for row in self.findings if (row.texture, row.fault) == (texture, fault)]
+            counts = ", ".join(f"{row.strength:g}: {row.found} of {row.parts}" for row in rows)
+            # From the weakest strength on, all stronger faults are found too.
+            found_rows = [row for n, row in enumerate(rows) if all(r.is_found for r in rows[n:])]
             outcome = f"is not found ({counts})"
-            if first_found is not None:
-                weakest = rows[first_found]
-                fewest = min(rows[first_found:], key=lambda row: row.found / row.parts)
+            if found_rows:
+                weakest = found_rows[0]
+                fewest = min(found_rows, key=lambda row: row.found / row.parts)
                 found_share = share_at_least(fewest.found, fewest.parts)
                 outcome = (
                     f"is found from {weakest.strength:g} {weakest.unit} on ({counts}); "
@@ -297,19 +296,19 @@ def study_faults(
             for strength in fault.strengths:
                 if large_only and not (fault.is_local and strength == _LARGE_STRENGTH):
                     continue
-                verdicts = [_passes(judge, loaded, fault, strength, rng) for loaded, judge in good]
-                judged = [verdict for verdict in verdicts if verdict is not None]
+                outcomes = [_passes(judge, loaded, fault, strength, rng) for loaded, judge in good]
+                have_passed = [outcome for outcome in outcomes if outcome is not None]
                 finding = FaultFinding(
                     texture=texture,
                     fault=fault.name,
                     unit=fault.unit,
                     strength=strength,
-                    found=judged.count(False),
-                    parts=len(judged),
+                    found=have_passed.count(False),
+                    parts=len(have_passed),
                 )
                 # Without a direction, a rotated piece is visible at most at its edge.
                 may_pass = fault.needs_direction and not inspector.has_direction(texture)
-                if judged and (finding.is_found or not may_pass):
+                if have_passed and (finding.is_found or not may_pass):
                     yield finding
 
 
@@ -362,7 +361,7 @@ def large_faults(files: RecipeFolder, inspector: Inspector) -> FaultStudy:
 
 
 def require_large_faults_found(files: RecipeFolder, inspector: Inspector) -> None:
-    """Check that no fault of `_LARGE_STRENGTH` size passes that the recipe does not acknowledge."""
+    """Check that all large faults are found, except those that the recipe acknowledges."""
     recipe = inspector.recipe
     passing = large_faults(files, inspector).passing(recipe)
     if passing:

@@ -49,6 +49,10 @@ class Presentation:
         return self.is_good == (self.decision is Decision.PASS)
 
 
+_Part = list[Presentation]
+"""All presentations of a part."""
+
+
 class Share(Record):
     """A share of trials with its exact upper or lower bound at 95 % confidence."""
 
@@ -143,18 +147,16 @@ class GaugeReport(Record):
         faults: Sequence[str] = (),
     ) -> Self:
         """Return the report of a study that has just ended; `faults` are lines of a FaultStudy."""
-        by_part: dict[str, list[Presentation]] = {}
+        by_part: dict[str, _Part] = {}
         for presentation in presentations:
             by_part.setdefault(presentation.part, []).append(presentation)
-        right = sum(all(shown.is_right for shown in of_part) for of_part in by_part.values())
-        parts = len(by_part)
+        good_parts = [part for part in by_part.values() if part[0].is_good]
+        bad_parts = [part for part in by_part.values() if not part[0].is_good]
+        parts, bad = len(by_part), len(bad_parts)
+        right = sum(_wrong_count(part) == 0 for part in by_part.values())
         effectiveness = Share.of(right, parts, share_at_least(right, parts), bound_is_upper=False)
-        misses, false_alarms = (
-            _wrong_share([of_part for of_part in by_part.values() if of_part[0].is_good == is_good])
-            for is_good in (False, True)
-        )
+        misses, false_alarms = _wrong_share(bad_parts), _wrong_share(good_parts)
         rating = _rating(effectiveness.share, misses.share, false_alarms.share)
-        bad = sum(not of_part[0].is_good for of_part in by_part.values())
         min_effectiveness, max_misses, max_false_alarms = ACCEPTABLE
         lines = [
             f"{parts} known parts, {bad} of them bad, {len(presentations)} presentations",
@@ -182,9 +184,13 @@ class GaugeReport(Record):
         )
 
 
-def _wrong_share(parts: Sequence[Sequence[Presentation]]) -> Share:
+def _wrong_count(part: _Part) -> int:
+    return sum(not presentation.is_right for presentation in part)
+
+
+def _wrong_share(parts: Sequence[_Part]) -> Share:
     """Share of the presentations with a wrong verdict; its bound counts parts."""
-    wrong = [sum(not shown.is_right for shown in of_part) for of_part in parts]
+    wrong = [_wrong_count(part) for part in parts]
     bound = share_at_most(sum(count > 0 for count in wrong), len(parts))
     return Share.of(sum(wrong), sum(map(len, parts)), bound)
 
@@ -201,12 +207,12 @@ def _rating(
     return "unacceptable"
 
 
-def _wrong_lines(parts: Iterable[Sequence[Presentation]]) -> Iterator[str]:
-    for of_part in parts:
-        wrong = [shown for shown in of_part if not shown.is_right]
+def _wrong_lines(parts: Iterable[_Part]) -> Iterator[str]:
+    for part in parts:
+        wrong = [presentation for presentation in part if not presentation.is_right]
         if wrong:
             kind, first = "good" if wrong[0].is_good else "bad", wrong[0]
-            counts = f"{len(wrong)} of {len(of_part)} times wrong"
+            counts = f"{len(wrong)} of {len(part)} times wrong"
             yield f"{first.part}, {kind}, {counts}: {first.decision}, {first.reason}"
 
 

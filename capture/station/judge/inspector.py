@@ -47,7 +47,7 @@ from .judge import (
     verdict_of,
 )
 from .measured_surface import MeasuredSurface, fits
-from .outlines import defects_of_map, defects_of_windows, in_image, largest_gap_px
+from .outlines import defects_of_map, defects_of_windows, in_image
 
 _MATCH_FIELDS = ("label", "nearest", "distance", "limit", "margin", "blur_px")
 _LIMITED_MEASURES = tuple(measure.name for measure in fields(LimitedMeasures))
@@ -220,15 +220,7 @@ class Inspector:
                 self._library.method,
                 uncertainty=self._has_angle_sd_limit,
             )
-            measures = Measures(
-                unmeasured_fraction=measured.unmeasured_fraction,
-                saturated_fraction=measured.share(measured.saturated),
-                lit_while_off=_lit_while_off(captured),
-                sdq=measured.sdq,
-                shadow_fraction=measured.share(measured.shadowed),
-                albedo=measured.albedo,
-                angle_sd=measured.angle_sd,
-            )
+            measures = _surface_measures(captured, measured)
         if not any(validity_findings(self.recipe, measures)):
             with _timed(timings_ms, "match"):
                 fields = in_background(partial(part_fields, measured.surface))
@@ -257,7 +249,7 @@ class Inspector:
                     partial(models.pieces.measure, moments(), orientation_deg, rings)
                 )
                 defect_map = models.defects.map_of_fields(fields(), orientation_deg)
-                gap_px = largest_gap_px(defect_map, measured.inside)
+                gap_px = measured.largest_gap_px(defect_map)
                 limits = self.recipe.limits_for(texture)
                 outlined = list(defects_of_map(defect_map, limits.defect))
                 pieces = wait_for_pieces()
@@ -333,6 +325,19 @@ class Inspector:
             fault = self.recipe.calibration.age_fault(record.age_days(created))
             if fault is not None:
                 yield f"{name.replace('_', ' ')} {fault}"
+
+
+def _surface_measures(captured: CapturedSet, measured: MeasuredSurface) -> Measures:
+    """Return the measures that need no texture."""
+    return Measures(
+        unmeasured_fraction=measured.unmeasured_fraction,
+        saturated_fraction=measured.share(measured.saturated),
+        lit_while_off=_lit_while_off(captured),
+        sdq=measured.sdq,
+        shadow_fraction=measured.share(measured.shadowed),
+        albedo=measured.albedo,
+        angle_sd=measured.angle_sd,
+    )
 
 
 def _lit_while_off(captured: CapturedSet) -> tuple[tuple[str, float], ...]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -11,7 +12,7 @@ from capture.calibration.lookup import FoundCalibration
 from capture.session.measures import light_signals
 from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet
 from capture.station.domain.recipe import Region
-from classify import Method, SurfaceEstimate
+from classify import DefectMap, Method, SurfaceEstimate
 from classify.relief.roughness import root_mean_square_slope
 
 _MASK_FILE = "region"
@@ -75,6 +76,23 @@ class MeasuredSurface:
         """Share of the pixels in `inside` where `where` is true; NaN if `inside` is empty."""
         count = np.count_nonzero(self.inside)
         return np.count_nonzero(where & self.inside) / count if count else float("nan")
+
+    def largest_gap_px(self, defect_map: DefectMap) -> int:
+        """Largest connected area of unscored cells that are at least half inside, in px."""
+        rows, columns = defect_map.score.shape
+        cell = defect_map.cell_px
+        margins = [
+            (0, cells * cell - length)
+            for cells, length in zip((rows, columns), self.inside.shape, strict=True)
+        ]
+        share = cv2.resize(
+            np.pad(self.inside.astype(np.float32), margins),
+            (columns, rows),
+            interpolation=cv2.INTER_AREA,
+        )
+        gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
+        _, _, statistics, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
+        return cell * cell * int(statistics[1:, cv2.CC_STAT_AREA].max(initial=0))
 
     @property
     def unmeasured_fraction(self) -> float:

@@ -1,11 +1,10 @@
-"""Outlines of defects and of unlike windows as records, and areas that were not judged."""
+"""Outlines of defects and of unlike windows as records."""
 
 from collections.abc import Iterator
 from dataclasses import replace
 
 import cv2
 import numpy as np
-import numpy.typing as npt
 
 from capture.station.domain.limits import Limits
 from capture.station.domain.recipe import Region
@@ -55,20 +54,3 @@ def in_image(region: Region | None, defect: DefectRecord) -> DefectRecord:
     if region is None:
         return defect
     return replace(defect, row=defect.row + region.y, column=defect.column + region.x)
-
-
-def largest_gap_px(defect_map: DefectMap, inside: npt.NDArray[np.bool_]) -> int:
-    """Largest connected area of unscored cells that are at least half inside, in px."""
-    rows, columns = defect_map.score.shape
-    cell = defect_map.cell_px
-    share = cv2.resize(
-        np.pad(
-            inside.astype(np.float32),
-            [(0, rows * cell - inside.shape[0]), (0, columns * cell - inside.shape[1])],
-        ),
-        (columns, rows),
-        interpolation=cv2.INTER_AREA,
-    )
-    gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
-    _, _, statistics, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
-    return cell * cell * int(statistics[1:, cv2.CC_STAT_AREA].max(initial=0))

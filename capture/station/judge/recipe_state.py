@@ -1,4 +1,4 @@
-"""`RecipeState`: why a recipe cannot run, found without loading library and models."""
+"""`RecipeState`: why a recipe cannot run; library and models are not loaded for it."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,7 @@ from .fingerprint import Fingerprint
 
 @dataclass(frozen=True)
 class RecipeState:
-    """A recipe, and the reasons why it cannot run."""
+    """A recipe, with the state of its approval and challenge."""
 
     recipe: Recipe
     problem: str | None  # why it cannot judge anything; None if it can

@@ -129,7 +129,7 @@ async def _messages(
                 snapshot = live.snapshot()
                 texts.append(_snapshot_message(snapshot))
                 sent = snapshot.event_id
-            texts += [_message(live.run, event) for event in waiting if event.id > sent]
+            texts += [_message(live.state.run, event) for event in waiting if event.id > sent]
             if texts:
                 yield "".join(texts)
 
@@ -137,7 +137,7 @@ async def _messages(
 def _missed(live: LiveView, last: str) -> tuple[list[str], int]:
     """Messages that a client has missed, or else a snapshot, and the id of the last of them."""
     run, _, number = last.partition(".")
-    if run == live.run and number.isdecimal() and len(number) < 16:
+    if run == live.state.run and number.isdecimal() and len(number) < 16:
         after = live.events_after(int(number))
         if after is not None:
             return [_message(run, event) for event in after], int(number) + len(after)

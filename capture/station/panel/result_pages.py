@@ -8,10 +8,10 @@ from fastapi import APIRouter
 from starlette.responses import RedirectResponse, Response
 
 from capture.base.utc_time import local_time
-from capture.station.domain.limits import ROWS, Limits, Side, excess_text
+from capture.station.domain.limits import ROWS, Limits, Side, distinct_texts, excess_text
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.users import Role
-from capture.station.domain.verdict import Cause, Decision, distinct_texts
+from capture.station.domain.verdict import Cause, Decision
 from capture.station.results.history import HistoryEntry, Selection
 from capture.station.results.part_result import PartResult
 from classify.base.errors import InputError

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass
 from datetime import UTC, date, datetime, timedelta
-from typing import Any, TextIO
+from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Row, Select, Text, case, cast, func, select
 
@@ -303,13 +303,8 @@ def record_of(entry: HistoryEntry) -> dict[str, Any]:
     return {name: record[name] for name in COLUMNS}
 
 
-def write_csv(entries: Iterable[HistoryEntry], file: TextIO) -> None:
-    """Write a line for each part (RFC 4180); lists and objects are JSON in their cell."""
-    file.writelines(csv_pieces(entries))
-
-
 def csv_pieces(entries: Iterable[HistoryEntry]) -> Iterator[str]:
-    """Yield the lines of `write_csv`, so that they are never all in memory."""
+    """Yield a line of CSV (RFC 4180) for each part; lists and objects are JSON in their cell."""
     yield csv_line(COLUMNS)
     for entry in entries:
         yield csv_line(map(_cell, record_of(entry).values()))

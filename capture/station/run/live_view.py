@@ -124,11 +124,6 @@ class LiveView:
         self._is_closed = False
 
     @property
-    def run(self) -> str:
-        """The name of the run."""
-        return self._state.run
-
-    @property
     def state(self) -> StationState:
         """The state after the last event."""
         return self._state

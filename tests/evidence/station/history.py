@@ -6,7 +6,6 @@ python -m tests.evidence.station.history --parts 1000000
 import _sqlite3
 import argparse
 import ctypes
-import io
 import sys
 import tempfile
 import time
@@ -17,7 +16,7 @@ from pathlib import Path
 
 from capture.station.domain.verdict import Decision
 from capture.station.results.chain import broken_links
-from capture.station.results.history import Selection, json_pieces, write_csv
+from capture.station.results.history import Selection, csv_pieces, json_pieces
 from capture.station.results.store import BegunPart, ResultStore, open_store
 from tests.capture.station.results.many import fill
 from tests.capture.station.results.parts import UTC, result_of
@@ -28,11 +27,6 @@ _DECISIONS = tuple(Decision)
 # Parts that are held and written together. The memory of all parts, once freed, would hide that a
 # reader holds them.
 _AT_ONCE = 1000
-
-
-class _Nowhere(io.StringIO):
-    def write(self, text: str) -> int:
-        return len(text)
 
 
 def _sqlite_mb() -> float:
@@ -55,7 +49,7 @@ def _measured(store: ResultStore, parts: int) -> bool:
     kept_mb = _sqlite_mb() - sqlite_mb
     counters, failed = store.counters(), Selection(decision=Decision.FAIL)
     works: dict[str, Callable[[], object]] = {
-        "csv": lambda: write_csv(store.parts(), _Nowhere()),
+        "csv": lambda: used_up(csv_pieces(store.parts())),
         "json": lambda: used_up(json_pieces("line-1", counters, store.chain_head(), store.parts())),
         "chain": lambda: used_up(broken_links(store.reading, "line-1")),
         "counters": store.counters,

@@ -1,4 +1,4 @@
-"""Teach the defect map of a texture: its model, its detectability, and a mark on all parts."""
+"""Teach the defect map of a texture: model, detection limits, and a mark on all good parts."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from .taught_part import TaughtPart, solved
 
 @dataclass(frozen=True, eq=False)
 class TaughtDefects:
-    """The defect model of one texture, with its detectability and a mark on all good parts."""
+    """The defect model of one texture, with its detection limits and a mark on all good parts."""
 
     model: DefectModel
     least_found: tuple[DetectionLimit, ...]
@@ -28,11 +28,11 @@ class TaughtDefects:
 def teach_defects(
     good: Sequence[TaughtPart], library: TextureLibrary, recipe: Recipe, show: ShowProgress
 ) -> TaughtDefects:
-    """Learn from the good parts of one texture."""
-    named, texture = classifier_named(library.classifier), good[0].kept_set.texture
+    """Learn the defect model of one texture from its good parts."""
+    classifier, texture = classifier_named(library.classifier), good[0].kept_set.texture
     orientations_deg = [
         library.match(
-            named.signature(part.matching_observation, library.parameters)
+            classifier.signature(part.matching_observation, library.parameters)
         ).orientation_deg
         for part in good
     ]

@@ -76,9 +76,9 @@ def teach(
         known = [] if before is None else list(known_sets(files, before))
         added = keep_sets(paths, files.sets, bad_texture or good_texture, files.name)
         sets = sets_by_texture(known, added, removed, is_relabelling=is_relabelling)
-        textures = list(dict.fromkeys(kept_set.texture for kept_set in added))
+        added_textures = list(dict.fromkeys(kept_set.texture for kept_set in added))
         emptied = {kept_set.texture for kept_set in known} - {kept_set.texture for kept_set in sets}
-        recipe = _next_version(files, before, textures, emptied, bad=bad_texture is not None)
+        recipe = _next_version(files, before, added_textures, emptied, bad=bad_texture is not None)
         _check_good_parts(recipe, sets)
         known_limits = {} if before is None else limits_measured_before(files, before)
         teaching = _teaching_of(files, recipe, sets, known_limits, show)
@@ -99,7 +99,7 @@ def _next_version(
     *,
     bad: bool,
 ) -> Recipe:
-    """The next version of a recipe with further textures, good or bad, and without `emptied`."""
+    """The next version of a recipe, with further `textures` and without the `emptied` ones."""
     name = files.name
     before = before or Recipe(name=name, passes=())
     passes, fails = (
@@ -206,7 +206,6 @@ def _teaching_of(
     if limits_of != recipe.limits_of:
         recipe = recipe.model_copy(update={"limits_of": limits_of})
         inspections = _inspections(recipe, taught, library, models, parts, show)
-    bounds = {name: model.defects.false_alarm_bound for name, model in models.items()}
     remarks = [
         *unlabelled_remarks(unlabelled),
         *kept_remarks(measured, manual),
@@ -220,21 +219,23 @@ def _teaching_of(
     if known_limits is None:
         remarks += replaced_remarks(before, limits_of)
     return Teaching(
-        recipe,
-        taught,
-        version,
-        tuple(parts),
-        tuple(matches),
-        tuple(inspections),
-        bounds,
-        measured,
-        tuple(remarks),
-        library.uniformity,
+        recipe=recipe,
+        taught=taught,
+        files=version,
+        parts=tuple(parts),
+        matches=tuple(matches),
+        inspections=tuple(inspections),
+        false_alarm_bounds={
+            name: model.defects.false_alarm_bound for name, model in models.items()
+        },
+        measured=measured,
+        teaching_remarks=tuple(remarks),
+        uniformity=library.uniformity,
     )
 
 
 def _blind_spots(models: Mapping[str, TextureModels]) -> Iterator[str]:
-    """Remarks on faults that cannot be found on a texture."""
+    """Yield remarks on faults that the models of a texture cannot find."""
     for name, model in models.items():
         if model.pieces.handedness is None:
             yield f"{name} looks like its mirror image: a mirrored part is not found"

@@ -45,7 +45,7 @@ class _Overlap:
 
 @dataclass(frozen=True, eq=False)
 class Teaching:
-    """A taught recipe, with the parts, matches and limits that it is from."""
+    """A taught recipe, with the parts, matches and limits that it was made from."""
 
     recipe: Recipe
     taught: Taught

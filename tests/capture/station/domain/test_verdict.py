@@ -1,6 +1,5 @@
-"""The table of causes: a row is all that a new cause needs. Numbers beside their limits."""
+"""The table of causes: a row is all that a new cause needs."""
 
-import math
 import subprocess
 import sys
 from pathlib import Path
@@ -8,7 +7,6 @@ from pathlib import Path
 import pytest
 
 from capture.station.domain import verdict
-from capture.station.domain.verdict import distinct_texts
 
 TABLE = Path(verdict.__file__)
 LAST_ROW = next(line for line in TABLE.read_text().splitlines() if line.startswith("    WINDOW ="))
@@ -59,22 +57,3 @@ def test_a_wrong_row_is_refused_when_the_table_is_defined(row: str, fault: str) 
     with pytest.raises(Exception, match=fault) as raised:  # Python 3.11 wraps errors of an Enum
         exec(compile(table, str(TABLE), "exec"), {"__name__": "wrong"})
     assert raised.type in {ValueError, KeyError, RuntimeError}
-
-
-@pytest.mark.parametrize(
-    ("value", "bound", "form", "texts"),
-    [
-        (3.1, 1.0, ".2f", ("3.10", "1.00")),
-        (1.004, 1.0, ".2f", ("1.004", "1.000")),
-        (1.0 + 1e-9, 1.0, ".2f", ("1.000000001", "1.000000000")),
-        (1.0, 1.0, ".2f", ("1.00", "1.00")),
-        (0.05004, 0.05, ".1%", ("5.004%", "5.000%")),
-        (12.04, 12.0, ".1f", ("12.04", "12.00")),
-        (math.inf, 1.0, ".2f", ("inf", "1.00")),
-        (math.nextafter(1e-30, 1.0), 1e-30, ".2f", ("0." + "0" * 17, "0." + "0" * 17)),
-    ],
-)
-def test_a_number_beyond_its_limit_has_the_digits_that_tell_them_apart(
-    value: float, bound: float, form: str, texts: tuple[str, str]
-) -> None:
-    assert distinct_texts(value, bound, form) == texts

@@ -191,7 +191,7 @@ def test_a_trigger_with_an_id_that_is_none_leaves_the_panel_connected(
     folder: StationFolder, part_id: str
 ) -> None:
     with linked(folder) as link, running(folder) as live:
-        until_so(lambda: link.run == live.run)
+        until_so(lambda: link.state.run == live.state.run)
         with serving_panel(Panel(folder, link, ANY_PORT)) as url:
             body = json.dumps({"part_id": part_id}, ensure_ascii=len(part_id) == 1)
             headers = {"Content-Type": "application/json"}
@@ -244,7 +244,7 @@ def test_who_sees_the_state_of_a_run_may_send_a_request(folder: StationFolder) -
     asking = threading.Thread(target=ask)
 
     def wake() -> None:
-        if link.state.run == live.run and not asking.ident:
+        if link.state.run == live.state.run and not asking.ident:
             asking.start()
             until_so(lambda: bool(answers or station.asked))
 
