@@ -81,15 +81,11 @@ class MeasuredSurface:
         """Largest connected area of unscored cells that are at least half inside, in px."""
         rows, columns = defect_map.score.shape
         cell = defect_map.cell_px
-        margins = [
-            (0, cells * cell - length)
-            for cells, length in zip((rows, columns), self.inside.shape, strict=True)
-        ]
-        share = cv2.resize(
-            np.pad(self.inside.astype(np.float32), margins),
-            (columns, rows),
-            interpolation=cv2.INTER_AREA,
-        )
+        height, width = self.inside.shape
+        # The last cells may exceed the region.
+        margins = [(0, rows * cell - height), (0, columns * cell - width)]
+        inside = np.pad(self.inside.astype(np.float32), margins)
+        share = cv2.resize(inside, (columns, rows), interpolation=cv2.INTER_AREA)
         gaps = (np.isnan(defect_map.score) & (share >= 0.5)).astype(np.uint8)
         _, _, statistics, _ = cv2.connectedComponentsWithStats(gaps, connectivity=8)
         return cell * cell * int(statistics[1:, cv2.CC_STAT_AREA].max(initial=0))

@@ -326,7 +326,7 @@ def test_the_run_writes_the_changes_of_its_panel(
         with linked(folder) as link:
             access = audit.ResultsAccess(folder, link.append)
             with running(folder), monkeypatch.context() as patch, closing(access):
-                until_so(lambda: link.run != "")
+                until_so(lambda: link.state.run != "")
                 patch.setattr(access.store, "append_rows", None)
                 access.record(kim, "user lee", None, "operator")
                 entry = store.part("part-000001")
