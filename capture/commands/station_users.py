@@ -97,7 +97,7 @@ def remove_token(folder: options.Station, name: _ClientName) -> None:
 def list_tokens(folder: options.Station) -> None:
     """List the API clients."""
     from capture.station.domain.folder import StationFolder
-    from capture.station.domain.tokens import Tokens
+    from capture.station.domain.users import Tokens
 
     table = new_table("client", "role", "since")
     for client in Tokens(StationFolder(folder).path).all():

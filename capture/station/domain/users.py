@@ -1,5 +1,6 @@
-"""`Users`: the people who may use a station's panel, in ``users.json``, and their roles."""
+"""`Users` of a station's panel and their roles; `Tokens` of the programs that use its API."""
 
+import hashlib
 import re
 import secrets
 import threading
@@ -15,14 +16,15 @@ from argon2.exceptions import Argon2Error, InvalidHashError
 from pydantic import Field, field_validator
 
 from capture.base.names import Name, file_name
+from capture.base.utc_time import utc_text
 from classify.base.errors import InputError
-from classify.base.models import Section
+from classify.base.models import Section, validated
 
 from .errors import Conflict, NotFound
 from .private_file import PrivateFile
 
-_FILE = "users.json"
 _MAX_USERS = 1000
+_MAX_CLIENTS = 1000
 # NIST SP 800-63B, 5.1.1: at least 8 characters, and a limit of 64 or more; no other rules.
 MIN_PASSWORD_LENGTH, MAX_PASSWORD_LENGTH = 8, 256
 # The user of the line's screens, whose password is a PIN. Five attempts a minute find a PIN of 6
@@ -31,6 +33,8 @@ KIOSK = "kiosk"
 _PIN = re.compile(r"[0-9]{6,12}")
 # The defaults of argon2-cffi are the second recommendation of RFC 9106: 64 MiB, 3 passes.
 HASHER = PasswordHasher()
+_TOKEN_PREFIX = "ps4_"  # by which scanners for secrets recognise a token
+_SECRET_BYTES = 32  # random bytes of a token
 
 
 class Role(StrEnum):
@@ -76,7 +80,7 @@ class User(Section):
     password: str = Field(min_length=1, max_length=1000)
 
 
-class _File(Section):
+class _UsersFile(Section):
     users: tuple[User, ...] = Field(default=(), max_length=_MAX_USERS, strict=False)
 
     @field_validator("users")
@@ -91,7 +95,7 @@ class Users:
     """The users of a station. Thread-safe; a change by another program is seen at once."""
 
     def __init__(self, folder: Path) -> None:
-        self._file = PrivateFile(folder / _FILE, _File)
+        self._file = PrivateFile(folder / "users.json", _UsersFile)
         # One hash at a time: each takes 64 MiB and about 0.2 s of processor time.
         self._hashing = threading.Lock()
         # Verified for an unknown name, so that the time does not reveal which names exist.
@@ -126,7 +130,7 @@ class Users:
                 raise Conflict(f"user {name}: there are {_MAX_USERS} users already")
             _require_administrator((*others, user), before)
             record(before)
-            self._file.write(_File(users=(*others, user)))
+            self._file.write(_UsersFile(users=(*others, user)))
 
     def remove(self, name: str, record: Callable[[User], None] = lambda _: None) -> None:
         """Remove a user and end the user's sessions; `record` as for `put`."""
@@ -136,7 +140,7 @@ class Users:
                 raise NotFound(f"user {name[:100]}: no such user; see ps4rig station user list")
             _require_administrator(others, user)
             record(user)
-            self._file.write(_File(users=others))
+            self._file.write(_UsersFile(users=others))
 
     def verified(self, name: str, password: str) -> User | None:
         """Return the user with this name and password, or None; both take the same time."""
@@ -190,3 +194,69 @@ def _require_account(name: str, password: str) -> str:
 def _is_encodable(text: str) -> bool:
     """Whether a text has no lone surrogates, which JSON and the terminal can contain."""
     return not any("\ud800" <= character <= "\udfff" for character in text)
+
+
+class _Client(Section):
+    """A program that uses the API."""
+
+    name: Name
+    role: Role = Field(strict=False)
+    # Hash of its token, without salt or stretching: nobody can try 2**256 tokens.
+    sha256: str = Field(pattern=r"^[0-9a-f]{64}$")
+    created_utc: str = Field(max_length=40)
+
+
+class _TokensFile(Section):
+    clients: tuple[_Client, ...] = Field(default=(), max_length=_MAX_CLIENTS, strict=False)
+
+
+class Tokens:
+    """API clients of a station. Thread-safe; sees changes by other programs at once."""
+
+    def __init__(self, folder: Path) -> None:
+        self._file = PrivateFile(folder / "tokens.json", _TokensFile)
+
+    def all(self) -> tuple[_Client, ...]:
+        """Return all clients, by name."""
+        return tuple(sorted(self._file.read().clients, key=lambda client: client.name))
+
+    def find(self, token: str) -> _Client | None:
+        """Return the client of a token."""
+        # The time of comparing hashes reveals nothing of the token.
+        digest = _token_sha256(token)
+        clients = (client for client in self._file.read().clients if client.sha256 == digest)
+        return next(clients, None)
+
+    def add(self, name: str, role: Role, record: Callable[[], None] = lambda: None) -> str:
+        """Add a client and return its token, which is not stored; `record` as for `Users.put`."""
+        require_name("client", name)
+        token = _TOKEN_PREFIX + secrets.token_urlsafe(_SECRET_BYTES)
+        values = {
+            "name": name, "role": role, "sha256": _token_sha256(token), "created_utc": utc_text()
+        }  # fmt: skip
+        client = validated(values, _Client, "client")
+        with self._file.changing():
+            clients = self.all()
+            if any(client.name == name for client in clients):
+                raise Conflict(f"client {name}: there is one already; remove it first")
+            if len(clients) >= _MAX_CLIENTS:
+                raise Conflict(f"client {name}: there are {_MAX_CLIENTS} clients already")
+            record()
+            self._file.write(_TokensFile(clients=(*clients, client)))
+        return token
+
+    def remove(self, name: str, record: Callable[[_Client], None] = lambda _: None) -> None:
+        """Remove a client, whose token is invalid at once; `record` as for `Users.put`."""
+        with self._file.changing():
+            clients = self.all()
+            others = tuple(client for client in clients if client.name != name)
+            removed = next((client for client in clients if client.name == name), None)
+            if removed is None:
+                text = f"client {name[:100]}: no such client; see ps4rig station token list"
+                raise NotFound(text)
+            record(removed)
+            self._file.write(_TokensFile(clients=others))
+
+
+def _token_sha256(token: str) -> str:
+    return hashlib.sha256(token.encode("utf-8", "surrogateescape")).hexdigest()

@@ -5,8 +5,7 @@ from collections import defaultdict
 
 from capture.station.domain.folder import StationFolder
 from capture.station.domain.interface_config import PanelConfig
-from capture.station.domain.tokens import Tokens
-from capture.station.domain.users import Users
+from capture.station.domain.users import Tokens, Users
 from capture.station.results.audit import ResultsAccess
 from capture.station.run.live_view import Subscription
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from capture.station.domain.errors import Conflict
 from capture.station.domain.folder import StationFolder
-from capture.station.domain.tokens import Tokens
-from capture.station.domain.users import KIOSK, Identity, Role, User, Users
+from capture.station.domain.users import KIOSK, Identity, Role, Tokens, User, Users
 
 from .audit import ResultsAccess, changing_on_the_terminal
 

@@ -13,7 +13,7 @@ from classify.classifiers import classifier_named
 from classify.defects.detectability import detectability
 from classify.defects.learning import FixedMarks
 
-from .taught_part import TaughtPart, solved
+from .taught_parts import TaughtPart, solved
 
 
 @dataclass(frozen=True, eq=False)

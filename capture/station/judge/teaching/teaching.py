@@ -34,14 +34,17 @@ from classify.pieces.learning import SCALE_STEP, GoodPart, learn_pieces
 from classify.pieces.piece_model import PieceModel
 
 from .taught_defects import TaughtDefects, mark_remark, teach_defects
-from .taught_part import (
+from .taught_parts import (
+    KeptSet,
     TaughtPart,
     check_same_setting,
+    keep_sets,
+    known_sets,
     require_one_texture,
+    sets_by_texture,
     taught_part,
     unlabelled_remarks,
 )
-from .taught_sets import KeptSet, keep_sets, known_sets, sets_by_texture
 from .teaching_limits import (
     LimitsOf,
     general_limits,

@@ -8,8 +8,7 @@ from capture.station.domain.limits import RANGES
 from capture.station.domain.recipe import Recipe
 from classify.base.durable_file import durable_file
 
-from .taught_part import solved
-from .taught_sets import KeptSet
+from .taught_parts import KeptSet, solved
 from .teaching_result import Teaching
 
 # Sets of an overlap with pictures; the table of all sets names the others.

@@ -15,8 +15,7 @@ from classify.confidence import CONFIDENCE, share_at_most, tolerance_factor, tri
 from classify.library.match import MIN_MARGIN
 from classify.texture.uniformity import Uniformity, uniformity_remarks
 
-from .taught_part import TaughtPart
-from .taught_sets import KeptSet
+from .taught_parts import KeptSet, TaughtPart
 from .teaching_limits import LimitsOf
 
 # Largest share of bad parts that may pass, and of good parts that may be rejected.

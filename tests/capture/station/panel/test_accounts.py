@@ -13,8 +13,7 @@ from capture.base.folder_lock import file_lock
 from capture.sets.captured_set import CapturedSet
 from capture.station.domain.folder import make_station
 from capture.station.domain.interface_config import PanelConfig
-from capture.station.domain.tokens import Tokens
-from capture.station.domain.users import MAX_PASSWORD_LENGTH, Role, Users
+from capture.station.domain.users import MAX_PASSWORD_LENGTH, Role, Tokens, Users
 from capture.station.panel.sessions import (
     FAILURES_OF_A_NAME,
     IDLE_S,

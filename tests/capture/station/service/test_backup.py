@@ -16,8 +16,7 @@ import pytest
 
 from capture.station.domain.config import Retention
 from capture.station.domain.folder import StationFolder
-from capture.station.domain.tokens import Tokens
-from capture.station.domain.users import Role
+from capture.station.domain.users import Role, Tokens
 from capture.station.results.store import open_store
 from capture.station.results.verification import verify_station
 from capture.station.run.cycle import Station
