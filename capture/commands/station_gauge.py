@@ -128,9 +128,8 @@ def _recorded_presentations(
     from classify.base.errors import InputError
 
     truths = read_known_parts(known)
-    config = station.config
     # Not exclusive: a running station keeps the lock of the database.
-    with open_store(config.results_in(station.path), config.name, exclusive=False) as store:
+    with open_store(station.results, station.config.name, exclusive=False) as store:
         for simulated in (False, True):
             # The verdicts of the station, not those of a person who overrode them.
             entries = store.parts(Selection(simulated=simulated, recipe=recipe))

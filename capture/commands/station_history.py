@@ -111,8 +111,8 @@ def _results_of(folder: Path) -> ResultStore:
     from capture.station.domain.folder import StationFolder
     from capture.station.results.store import open_store
 
-    config = StationFolder(folder).config
-    return open_store(config.results_in(folder), config.name, exclusive=False)
+    station = StationFolder(folder)
+    return open_store(station.results, station.config.name, exclusive=False)
 
 
 def _show(station: str, counters: Counters, include_simulated: bool) -> None:

@@ -90,7 +90,7 @@ def run(
 
     with station_folder(folder) as opened:
         config = opened.config
-        rig_config = config_of(rig or config.rig_in(folder))
+        rig_config = config_of(rig or opened.rig)
         trigger = trigger or config.trigger
         live = LiveStation(config.name, simulated=rig_config.is_simulated, trigger=trigger)
         terminal = shown_by(config.name, as_json=json)

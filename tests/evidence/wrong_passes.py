@@ -44,7 +44,7 @@ class _Judged(NamedTuple):
 
 def taught(material: Path, kept: Path, folder: Path, seed: int, parts: int) -> Inspector:
     """Teach a recipe from good parts, and print the remarks of teaching."""
-    files = RecipeFolder(folder / f"{material.name}.toml", folder / material.name)
+    files = RecipeFolder(folder / material.name)
     remarks = teach(files, kept_parts(kept, material, GOOD, parts, seed)).remarks
     for remark in remarks:
         print(f"{material.name}: {remark}")

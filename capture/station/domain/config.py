@@ -148,14 +148,6 @@ class StationConfig(Section):
     modbus: ModbusConfig | None = Field(default=None, description="the registers for a PLC")
     mqtt: MqttConfig | None = Field(default=None, description="results for a broker")
 
-    def rig_in(self, folder: Path) -> str:
-        """Return the rig to open for a station in `folder`: ``sim`` or a path."""
-        return self.rig if self.rig == SIM else str(folder / self.rig)
-
-    def results_in(self, folder: Path) -> str:
-        """Return the database of results for a station in `folder`: a URL, or a path."""
-        return self.results if "://" in self.results else str(folder / self.results)
-
 
 def read_config(path: Path) -> StationConfig:
     """Read a ``station.toml``."""

@@ -15,7 +15,7 @@ from classify.base.models import Record
 from rig import RigConfig
 from rig.config.rig import config_of
 
-from .config import CONFIG, StationConfig, example_config, read_config
+from .config import CONFIG, SIM, StationConfig, example_config, read_config
 from .errors import RecipeError
 from .own_folder import require_own_folder
 from .recipe_file import RecipeFolder
@@ -45,9 +45,20 @@ class StationFolder:
         """Folder of the captured sets of all parts, with one folder for each day."""
         return self.path / PARTS
 
+    @property
+    def rig(self) -> str:
+        """The rig to open: ``sim`` or a path."""
+        return SIM if self.config.rig == SIM else str(self.path / self.config.rig)
+
+    @property
+    def results(self) -> str:
+        """The database of results: a URL, or a path."""
+        results = self.config.results
+        return results if "://" in results else str(self.path / results)
+
     def rig_config(self) -> RigConfig:
         """Read the configuration of its rig; raises InputError if there is none, or it is wrong."""
-        return config_of(self.config.rig_in(self.path))
+        return config_of(self.rig)
 
     def recipe_files(self, recipe: str | None = None) -> RecipeFolder:
         """Return the files of a recipe, by default those of the configured one."""
@@ -55,7 +66,7 @@ class StationFolder:
             name = file_name(recipe or self.config.recipe)
         except ValueError as error:
             raise RecipeError(f"recipe {error}") from error
-        return RecipeFolder(self.path / RECIPES / f"{name}.toml", self.path / RECIPES / name)
+        return RecipeFolder(self.path / RECIPES / name)
 
     def has_sets(self) -> bool:
         """Whether sets of parts exist; a new database counts from 1 and would overwrite them."""

@@ -115,7 +115,6 @@ class _PathIn:
 class RecipeFolder:
     """``recipes/NAME.toml``, and ``recipes/NAME`` with a folder for each version."""
 
-    file: Path
     folder: Path
     sets = _PathIn("sets")  # the taught sets
     challenge = _PathIn("challenge")  # the challenge set
@@ -127,6 +126,11 @@ class RecipeFolder:
     def name(self) -> str:
         """Name of the recipe."""
         return self.folder.name
+
+    @property
+    def file(self) -> Path:
+        """The recipe."""
+        return self.folder.with_name(self.name + SUFFIX)
 
     def version(self, version: int) -> "TaughtFiles":
         """Return the files of a version of the recipe."""

@@ -97,12 +97,10 @@ class ResultsAccess:
     def _opened(self, *, create: bool) -> ResultStore:
         with self._lock:
             if self._store is None:
-                config = self._folder.config
-                results = config.results_in(self._folder.path)
                 try:
                     self._store = open_store(
-                        results,
-                        config.name,
+                        self._folder.results,
+                        self._folder.config.name,
                         create=create,
                         exclusive=False,
                         timeout_s=CHANGE_TIMEOUT_S,

@@ -25,8 +25,8 @@ def verify_station(folder: Path, head: str | None = None) -> Iterator[FileFindin
     """
     # Findings about the results themselves are listed under ``station.toml``.
     try:
-        config = StationFolder(folder).config
-        with open_store(config.results_in(folder), config.name, exclusive=False) as store:
+        station = StationFolder(folder)
+        with open_store(station.results, station.config.name, exclusive=False) as store:
             yield from _findings(folder, store, head)
     except (Ps4rigError, ValueError) as error:  # ValueError: a cell that is not JSON
         yield FileFinding(folder / CONFIG, "altered", f"its results cannot be read: {error}")

@@ -194,7 +194,7 @@ def run_bench(
     configure_station_process()
     live = live or LiveStation(config.name, simulated=True)
     with (
-        open_store(config.results_in(folder), config.name, create=True) as store,
+        open_store(str(folder / "results.sqlite"), config.name, create=True) as store,
         live.telling(watcher),
     ):
         judge = PartJudge(config.name, None, inspector, {}, save, clock)

@@ -57,7 +57,7 @@ def diagnose_station(folder: Path) -> Iterator[Check]:
     yield from run_checks("recipe", check_recipe)
     yield from run_checks("results", lambda: _check_results(station))
     yield from _check_extras(station.config)
-    rig = station.config.rig_in(folder)
+    rig = station.rig
     if not inspectors:
         yield from diagnose(rig)
         return
@@ -112,12 +112,11 @@ def _check_taught(inspector: Inspector, rig: Rig) -> Iterator[Check]:
 
 
 def _check_results(station: StationFolder) -> Iterator[Check]:
-    config = station.config
-    results = config.results_in(station.path)
+    results = station.results
     if "://" not in results and not Path(results).exists():
         yield Check("results", "ok", f"the first run makes {results}")
         return
-    with open_store(results, config.name, exclusive=False) as store:
+    with open_store(results, station.config.name, exclusive=False) as store:
         require_own_sets(station, store)
         yield from check_results(store)
         broken_link = next(broken_links(store.reading, store.station, _NEWEST_LINKS), None)

@@ -19,7 +19,7 @@ class State(StrEnum):
     INITIALIZED = "initialized"  # recipe loaded, rig open; the self-test runs
     READY = "ready"  # the next trigger is accepted
     EXECUTING = "executing"  # a part is exposed, or no buffer is free
-    ERROR = "error"  # rig, disk or database failed; the station tries again
+    ERROR = "error"  # it tries again, or waits for an acknowledgement of errors in a row
 
 
 class Change(StrEnum):

@@ -31,7 +31,7 @@ class ExposedPart:
     begun: BegunPart
     captured: CapturedSet | None
     error: BaseException | None
-    exposed_s: float  # end of the last exposure, on the monotonic clock
+    exposed_s: float  # end of the last exposure, or the trigger without one; monotonic clock
     exposed_utc: str | None  # None if there is no set
     # ``capture``: from the trigger to the end of the exposure; ``checks``: after it.
     timings_ms: dict[str, float]

@@ -43,8 +43,7 @@ def run_station(
     def warn(text: str) -> None:
         live.publish(Warned(text))
 
-    results = config.results_in(folder.path)
-    with open_store(results, config.name, create=not folder.has_sets()) as store:
+    with open_store(folder.results, config.name, create=not folder.has_sets()) as store:
         require_own_sets(folder, store)
         recipes = RunRecipes(folder, rig_config.calibration, operator, store, clock)
         if is_collecting:

@@ -98,7 +98,7 @@ class Accepted:
 
 
 class Refusal(_Code):
-    """Why a trigger was refused; the handshake gives 10 to 15."""
+    """Why a trigger was refused; 10 to 12, 14 and 15 are reasons of the handshake with a PLC."""
 
     BUSY = 1, "another part is exposed, or parts wait for their verdicts"
     NOT_READY = 2, "the station is not ready; `state` says more"

@@ -17,7 +17,7 @@ from pydantic import AfterValidator, FailFast, Field, ValidationError
 from capture.base.folder_lock import LOCK_FILE_SUFFIX
 from capture.base.names import SET_SUFFIX
 from capture.base.utc_time import utc_text
-from capture.station.domain.config import CONFIG, SIM, StationConfig
+from capture.station.domain.config import CONFIG, SIM
 from capture.station.domain.folder import PARTS, RECIPES, StationFolder
 from capture.station.domain.own_folder import SECRETS, SESSIONS, refuse_link
 from capture.station.domain.private_file import OWNER_ONLY
@@ -93,16 +93,15 @@ class _Backup:
 
     def __init__(
         self,
-        folder: Path,
-        config: StationConfig,
+        station: StationFolder,
         snapshot: ResultsSnapshot,
         database: tuple[str, Path] | None,
     ) -> None:
-        self._folder, self._config = folder, config
-        self._snapshot, self._database = snapshot, database
+        folder = station.path
+        self._station, self._snapshot, self._database = station, snapshot, database
         self._recipes = _stamps(folder / RECIPES)
         self._utc = utc_text()
-        self.sources: dict[str, Path] = dict(_settings(folder, config))
+        self.sources: dict[str, Path] = dict(_settings(station))
         if database is not None:
             self.sources[database[0]] = database[1]
         self._missing = []
@@ -116,7 +115,7 @@ class _Backup:
             raise InputError(
                 f"{folder}: has more than {_MAX_FILES} files; move old parts elsewhere"
             )
-        self.remarks = tuple(_remarks(folder, config, self._missing))
+        self.remarks = tuple(_remarks(station, self._missing))
 
     def write(self, path: Path) -> Iterator[str]:
         """Write the backup, which appears when it is on disk; yield the name of each file."""
@@ -127,7 +126,7 @@ class _Backup:
                 for name, source in self.sources.items():
                     stored.append(_store(archive, name, source))
                     yield name
-                if _stamps(self._folder / RECIPES) != self._recipes:
+                if _stamps(self._station.path / RECIPES) != self._recipes:
                     raise InputError(f"{path}: a recipe was changed meanwhile; repeat the backup")
                 manifest = self._manifest(tuple(stored))
                 archive.writestr(MANIFEST, manifest.model_dump_json(indent=1))
@@ -135,7 +134,7 @@ class _Backup:
     def _manifest(self, files: tuple[_StoredFile, ...]) -> _Manifest:
         return _Manifest(
             utc=self._utc,
-            station=self._config.name,
+            station=self._station.config.name,
             software_version=version("ps4rig"),
             database=None if self._database is None else self._database[0],
             parts=self._snapshot.parts,
@@ -152,9 +151,9 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[_Backup]:
 
     No set file is removed during the block.
     """
-    config = StationFolder(folder).config
+    station = StationFolder(folder)
     _check_place(folder, path)
-    results = config.results_in(folder)
+    results, name = station.results, station.config.name
     with (
         sets_stay(folder),
         # The copy lies beside the backup, whose disk needs the space in any case.
@@ -162,14 +161,14 @@ def prepared_backup(folder: Path, path: Path) -> Iterator[_Backup]:
     ):
         snapshot, database = ResultsSnapshot(0, (), ""), None
         if "://" in results:
-            snapshot, database = copy_results(results, config.name, copy), (DUMP, copy)
+            snapshot, database = copy_results(results, name, copy), (DUMP, copy)
         elif Path(results).exists():
-            _check_space(folder, config, path, 2 * Path(results).stat().st_size)
-            snapshot = copy_results(results, config.name, copy)
+            _check_space(station, path, 2 * Path(results).stat().st_size)
+            snapshot = copy_results(results, name, copy)
             database = (_name_of_results(folder, Path(results)), copy)
-        backup = _Backup(folder, config, snapshot, database)
+        backup = _Backup(station, snapshot, database)
         needed_bytes = sum(source.stat().st_size for source in backup.sources.values())
-        _check_space(folder, config, path, needed_bytes)
+        _check_space(station, path, needed_bytes)
         yield backup
 
 
@@ -188,12 +187,12 @@ def _name_of_results(folder: Path, results: Path) -> str:
     return "results.sqlite"
 
 
-def _settings(folder: Path, config: StationConfig) -> Iterator[tuple[str, Path]]:
+def _settings(station: StationFolder) -> Iterator[tuple[str, Path]]:
     """All files but results, sets of parts and locks, by their name in the backup."""
-    results = Path(config.results_in(folder)).resolve()
+    results = Path(station.results).resolve()
     left_out = {results.with_name(results.name + end) for end in _BESIDE_SQLITE}
-    for path in _files_below(folder):
-        name = path.relative_to(folder).as_posix()
+    for path in _files_below(station.path):
+        name = path.relative_to(station.path).as_posix()
         try:
             name.encode()
         except UnicodeEncodeError as error:
@@ -225,21 +224,21 @@ def _stamps(recipes: Path) -> dict[Path, tuple[int, int]]:
     return {path: (status.st_mtime_ns, status.st_size) for path, status in stats.items()}
 
 
-def _remarks(folder: Path, config: StationConfig, missing: list[str]) -> Iterator[str]:
+def _remarks(station: StationFolder, missing: list[str]) -> Iterator[str]:
     if missing:
         yield f"{len(missing)} set files of the results are missing, the first {missing[0]}"
-    used = [config.results_in(folder)] if "://" not in config.results else []
-    used += [] if config.rig == SIM else [config.rig_in(folder)]
+    used = [station.results] if "://" not in station.results else []
+    used += [station.rig] if station.rig != SIM else []
     for text in used:
-        if not Path(text).resolve().is_relative_to(folder.resolve()):
+        if not Path(text).resolve().is_relative_to(station.path.resolve()):
             yield f"{text}: outside the station; see {CONFIG} after a restore"
 
 
-def _check_space(folder: Path, config: StationConfig, path: Path, needed_bytes: int) -> None:
+def _check_space(station: StationFolder, path: Path, needed_bytes: int) -> None:
     """Check that the bytes fit without bringing the station to its disk floor."""
     target_folder = path.absolute().parent
-    if target_folder.stat().st_dev == folder.stat().st_dev:
-        needed_bytes += config.disk_floor_mb * 1_000_000
+    if target_folder.stat().st_dev == station.path.stat().st_dev:
+        needed_bytes += station.config.disk_floor_mb * 1_000_000
     free_bytes = shutil.disk_usage(target_folder).free
     if free_bytes < needed_bytes:
         raise InputError(

@@ -105,7 +105,7 @@ def unit_text(station: StationFolder, user: str = _USER, unit: Unit = Unit.STATI
         *(f"DeviceAllow={device} rw" for device in devices),
         f"ProtectHome={'read-only' if _lies_in(folder, _HOMES) else 'yes'}",
         f"PrivateTmp={'no' if _lies_in(folder, _TEMPORARY) else 'yes'}",
-        *(f"ReadWritePaths={_path(path)}" for path in _writable(config, folder)),
+        *(f"ReadWritePaths={_path(path)}" for path in _writable(station)),
         *_capabilities(config),
         "",
         "[Install]",
@@ -225,9 +225,9 @@ def _lies_in(folder: Path, hidden: tuple[str, ...]) -> bool:
     return any(path.resolve().is_relative_to(home) for path in used for home in hidden)
 
 
-def _writable(config: StationConfig, folder: Path) -> list[Path]:
+def _writable(station: StationFolder) -> list[Path]:
     """The station, and the folder of an SQLite file elsewhere."""
-    results = config.results_in(folder)
+    folder, results = station.path.resolve(), station.results
     home = folder if "://" in results else Path(results).resolve().parent
     return [folder] if home.is_relative_to(folder) else [folder, home]
 

@@ -90,8 +90,8 @@ def contradictions(
     """
     begun = [event["part_id"] for event in events if event["event"] == "begun"]
     told = [event for event in events if event["event"] in ("part", "recovered")]
-    config = StationFolder(folder).config
-    with open_store(config.results_in(folder), config.name, exclusive=False) as store:
+    station = StationFolder(folder)
+    with open_store(station.results, station.config.name, exclusive=False) as store:
         rows = {entry.result.part_id: entry.result for entry in store.parts()}
     yield from (f"{part_id} was begun and has no row" for part_id in begun if part_id not in rows)
     for part_id, count in Counter(event["part_id"] for event in told).items():

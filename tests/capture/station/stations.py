@@ -258,8 +258,7 @@ def bench(folder: Path, captured: CapturedSet) -> Iterator[Bench]:
     if not folder.exists():
         make_station(folder)
     opened = StationFolder(folder)
-    results = opened.config.results_in(folder)
-    with open_store(results, opened.config.name, create=True) as store:
+    with open_store(opened.results, opened.config.name, create=True) as store:
         yield Bench(opened, store, FakeCamera(captured), FakeInspector())
 
 

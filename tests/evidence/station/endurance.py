@@ -164,8 +164,8 @@ def main(parts: int) -> int:
             events: list[dict[str, Any]] = [json.loads(line) for line in lines]
         wrong += contradictions(folder, events, read_every=READ_EVERY)
         told = Counter(event["decision"] for event in events if event["event"] == "part")
-        config = StationFolder(folder).config
-        with open_store(config.results_in(folder), config.name) as store:
+        station = StationFolder(folder)
+        with open_store(station.results, station.config.name) as store:
             rows = store.counters().simulated.parts
             removed = sum(entry.set_removed_utc is not None for entry in store.parts())
         kept = sum(1 for _ in (folder / "parts").glob(f"*/*{SET_SUFFIX}"))

@@ -89,9 +89,9 @@ def kill_panels(run: int, is_over: threading.Event) -> None:
 def fill(folder: Path, rows: int) -> None:
     """Make a station with the results of `rows` parts."""
     make_station(folder)
-    config = StationFolder(folder).config
-    with open_store(config.results_in(folder), config.name, create=True) as store:
-        many.fill(store, many.many(config.name, rows))
+    station = StationFolder(folder)
+    with open_store(station.results, station.config.name, create=True) as store:
+        many.fill(store, many.many(store.station, rows))
 
 
 def latencies_ms(folder: Path, parts: int, flood: str | None) -> list[float]:

@@ -43,15 +43,15 @@ def add_second_recipe(folder: Path, sets: Path) -> None:
 
 def rows_of(folder: Path) -> dict[int, PartResult]:
     """The results of a station, by number."""
-    config = StationFolder(folder).config
-    with open_store(config.results_in(folder), config.name, exclusive=False) as store:
+    station = StationFolder(folder)
+    with open_store(station.results, station.config.name, exclusive=False) as store:
         return {entry.result.number: entry.result for entry in store.parts()}
 
 
 def recipe_changes(folder: Path) -> int:
     """How often another recipe was to be loaded."""
-    config = StationFolder(folder).config
-    with open_store(config.results_in(folder), config.name, exclusive=False) as store:
+    station = StationFolder(folder)
+    with open_store(station.results, station.config.name, exclusive=False) as store:
         return len(newest_changes(store, _MOST_CHANGES))
 
 

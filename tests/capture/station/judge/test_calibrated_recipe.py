@@ -60,7 +60,7 @@ def test_a_calibrated_recipe_judges_its_region(tmp_path: Path) -> None:
         stained = capture_set(rig, label="rock", calibration=file)
     stained.save(tmp_path / "stained.ome.tif")
 
-    files = RecipeFolder(tmp_path / "sheet.toml", tmp_path / "sheet")
+    files = RecipeFolder(tmp_path / "sheet")
     write_recipe(files.file, Recipe(name="sheet", passes=("rock",), region=REGION))
     teach(files, sets)
     recipe = read_recipe(files.file)

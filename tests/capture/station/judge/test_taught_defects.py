@@ -73,7 +73,7 @@ def test_parts_without_a_mark_have_no_remark_on_one(taught: tuple[Path, Teaching
 
 @pytest.mark.slow
 def test_a_mark_on_all_taught_parts_is_named_and_a_limit_counts(tmp_path: Path) -> None:
-    files = RecipeFolder(tmp_path / f"{NAME}.toml", tmp_path / NAME)
+    files = RecipeFolder(tmp_path / NAME)
     paths = [tmp_path / f"{number}.ome.tif" for number in range(6)]
     for number, path in enumerate(paths):
         shift = (70.0 * number, 45.0 * number)

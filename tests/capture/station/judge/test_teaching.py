@@ -81,7 +81,7 @@ def test_a_set_that_is_good_and_bad_is_refused(files: RecipeFolder, tmp_path: Pa
 
 
 def test_too_few_good_parts_are_refused(tmp_path: Path) -> None:
-    files = RecipeFolder(tmp_path / "new.toml", tmp_path / "new")
+    files = RecipeFolder(tmp_path / "new")
     two = saved(tmp_path / "sets", "rock", range(2))
     with pytest.raises(RecipeError, match="2 good parts of 'rock'; give 3 or more"):
         teach(files, two)
@@ -93,7 +93,7 @@ def test_too_few_good_parts_are_refused(tmp_path: Path) -> None:
 def test_too_many_good_parts_are_refused_before_any_is_solved(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    files = RecipeFolder(tmp_path / "line.toml", tmp_path / "line")
+    files = RecipeFolder(tmp_path / "line")
     monkeypatch.setattr("capture.station.judge.teaching.teaching.MAX_PARTS", 3)
     steps: list[str] = []
 

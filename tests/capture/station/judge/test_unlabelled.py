@@ -25,7 +25,7 @@ def unlabelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def new(tmp_path: Path) -> RecipeFolder:
-    return RecipeFolder(tmp_path / "new.toml", tmp_path / "new")
+    return RecipeFolder(tmp_path / "new")
 
 
 def named(folder: Path, surface: str) -> list[Path]:

@@ -319,9 +319,8 @@ def test_the_run_writes_the_changes_of_its_panel(
 ) -> None:
     """A panel that a debugger stops in mid-write would hold the lock that results wait for."""
     monkeypatch.setattr(audit, "CHANGE_TIMEOUT_S", 0.1)
-    results = folder.config.results_in(folder.path)
     kim = Identity("kim", Role.ENGINEER, "page")
-    with open_store(results, folder.config.name, create=True) as store:
+    with open_store(folder.results, folder.config.name, create=True) as store:
         inspect(store)
         with linked(folder) as link:
             access = audit.ResultsAccess(folder, link.append)
@@ -333,7 +332,7 @@ def test_the_run_writes_the_changes_of_its_panel(
                 assert entry is not None
                 about = {"decision": "FAIL", "by": "kim", "reason": "a hair"}
                 access.override(kim, entry, **about)
-                with closing(sqlite3.connect(results, isolation_level=None)) as other:
+                with closing(sqlite3.connect(folder.results, isolation_level=None)) as other:
                     other.execute("BEGIN IMMEDIATE")
                     with pytest.raises(ResultsUnavailable, match=r"nothing was changed.*locked"):
                         access.record(kim, "user lee", "operator", None)

@@ -492,7 +492,7 @@ def test_a_clock_that_is_set_back_is_noted(station: Bench) -> None:
 
 def test_a_locked_database_delays_results_and_loses_none(station: Bench) -> None:
     """The store waits 0.2 s for a lock here, 20 s in a station."""
-    database = station.folder.config.results_in(station.folder.path)
+    database = station.folder.results
     locked = threading.Event()
 
     def inspect(_: CapturedSet) -> Said:

@@ -123,9 +123,9 @@ def test_commands_take_the_recipe_with_which_the_next_run_begins(
 def test_a_gauge_study_counts_the_parts_that_its_recipe_judged(
     station: Path, tmp_path: Path, ps4rig: Callable[..., Any]
 ) -> None:
-    config, known = StationFolder(station).config, tmp_path / "known.csv"
-    first, *others = many(config.name, 3)
-    with open_store(config.results_in(station), config.name, create=True) as store:
+    opened, known = StationFolder(station), tmp_path / "known.csv"
+    first, *others = many(opened.config.name, 3)
+    with open_store(opened.results, opened.config.name, create=True) as store:
         fill(store, [replace(first, recipe="brass"), *others])
     known.write_text("".join(f"{part.part_id},good\n" for part in (first, *others)))
 

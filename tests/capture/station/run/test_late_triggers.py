@@ -31,7 +31,7 @@ def station(tmp_path: Path, captured: CapturedSet) -> Iterator[Bench]:
 @contextmanager
 def locked(station: Bench) -> Iterator[None]:
     """Hold a lock on the database, as another program may."""
-    database = station.folder.config.results_in(station.folder.path)
+    database = station.folder.results
     with closing(sqlite3.connect(database, isolation_level=None)) as other:
         other.execute("BEGIN IMMEDIATE")
         yield

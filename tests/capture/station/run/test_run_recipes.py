@@ -37,8 +37,7 @@ def opened(station: Path, files: RecipeFolder) -> StationFolder:
 
 @pytest.fixture
 def store(opened: StationFolder) -> Iterator[ResultStore]:
-    results = opened.config.results_in(opened.path)
-    with open_store(results, opened.config.name, create=True) as made:
+    with open_store(opened.results, opened.config.name, create=True) as made:
         yield made
 
 
