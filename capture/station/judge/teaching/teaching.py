@@ -11,7 +11,7 @@ import numpy.typing as npt
 from capture.base.console import ShowProgress, progress
 from capture.sets.captured_set import PLANAR, LoadedSet
 from capture.station.domain.errors import RecipeError
-from capture.station.domain.limits import Limits
+from capture.station.domain.limits import GeneralLimits, Limits
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import (
     RecipeFolder,
@@ -162,11 +162,10 @@ def _teaching_of(
     make_folder(version.folder)
     library = _library(parts)
     library.save(version.library)
-    segment_px = library.segment_px
     matches = leave_one_out(
         [part.training_row for part in parts],
         [part.matching_observation for part in parts],
-        segment_px,
+        library.segment_px,
     )
     good = {
         name: [part for part in parts if part.kept_set.texture == name] for name in recipe.passes
@@ -189,22 +188,11 @@ def _teaching_of(
         library_sha256=file_sha256(version.library),
         textures=textures,
     )
-    before, manual = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
+    limits_before, manual = recipe.limits_of, manual_limits(recipe.limits_of, known_limits)
     measured = _measured_limits(recipe, parts, matches, models)
     recipe = _with_limits(recipe, with_manual_limits(measured, manual), taught)
     inspections = _inspections(recipe, taught, library, models, parts, show)
-    measured = {
-        name: with_unjudged(
-            limits,
-            recipe.limits,
-            [
-                inspection.measures.unjudged_px or 0
-                for part, inspection in zip(parts, inspections, strict=True)
-                if part.kept_set.texture == name
-            ],
-        )
-        for name, limits in measured.items()
-    }
+    measured = _with_unjudged_areas(measured, recipe.limits, parts, inspections)
     limits_of = with_manual_limits(measured, manual)
     if limits_of != recipe.limits_of:
         recipe = recipe.model_copy(update={"limits_of": limits_of})
@@ -213,14 +201,10 @@ def _teaching_of(
         *unlabelled_remarks(unlabelled),
         *kept_remarks(measured, manual),
         *_blind_spots(models),
-        *(
-            mark_remark(name, len(good[name]), learned.mark)
-            for name, learned in defects.items()
-            if learned.mark is not None
-        ),
+        *_mark_remarks(defects, good),
     ]
     if known_limits is None:
-        remarks += replaced_remarks(before, limits_of)
+        remarks += replaced_remarks(limits_before, limits_of)
     return Teaching(
         recipe=recipe,
         taught=taught,
@@ -235,6 +219,30 @@ def _teaching_of(
         teaching_remarks=tuple(remarks),
         uniformity=library.uniformity,
     )
+
+
+def _with_unjudged_areas(
+    measured: LimitsOf,
+    general: GeneralLimits,
+    parts: Sequence[TaughtPart],
+    inspections: Sequence[Inspection],
+) -> dict[str, Limits]:
+    """Return measured limits that accept the largest unscored area of each part."""
+    areas_px: dict[str, list[int]] = {}
+    for part, inspection in zip(parts, inspections, strict=True):
+        area_px = inspection.measures.unjudged_px or 0
+        areas_px.setdefault(part.kept_set.texture, []).append(area_px)
+    return {
+        name: with_unjudged(limits, general, areas_px[name]) for name, limits in measured.items()
+    }
+
+
+def _mark_remarks(
+    defects: Mapping[str, TaughtDefects], good: Mapping[str, Sequence[TaughtPart]]
+) -> Iterator[str]:
+    for name, learned in defects.items():
+        if learned.mark is not None:
+            yield mark_remark(name, len(good[name]), learned.mark)
 
 
 def _blind_spots(models: Mapping[str, TextureModels]) -> Iterator[str]:

@@ -29,7 +29,7 @@ _MODELS: dict[str, type[Section]] = {
     "calibration": CalibrationRule,
 }
 _TEXTS = ("note", "acknowledged")
-_TRUTHS = ("full_turn", "required")
+_YES_OR_NO = ("full_turn", "required")
 _UNITS = {"_px": "px", "_deg": "degrees", "_ms": "ms", "_days": "days"}
 _BOUNDS = ("least", "largest")
 
@@ -76,7 +76,7 @@ class RecipeForm:
     def __init__(
         self,
         recipe: Recipe,
-        entered: Mapping[str, Any] | None = None,
+        entered: Mapping[str, str] | None = None,
         messages: Mapping[Place, str] | None = None,
     ) -> None:
         self._recipe = recipe
@@ -100,9 +100,9 @@ class RecipeForm:
             limits = recipe.limits_of.get(texture, Limits())
             hint = "Limits of this texture. An empty field takes the limit of all textures."
             place: Place = ("limits_of", texture)
-            names = f"limits_of.{number}"
+            prefix = f"limits_of.{number}"
             title = f"limits of {texture}"
-            sections.append(self._section(place, title, hint, Limits, limits, names))
+            sections.append(self._section(place, title, hint, Limits, limits, prefix))
         known = ", ".join(recipe.acknowledged)
         texts = (
             self._field(("note",), "note", recipe.note),
@@ -113,7 +113,7 @@ class RecipeForm:
     def textures(self) -> list[_TextureField]:
         """Return the textures, each good or bad."""
         return [
-            _TextureField(_use(number), texture, self._value(_use(number), number) == "pass")
+            _TextureField(_use_field(number), texture, self._is_good(number))
             for number, texture in enumerate(_textures(self._recipe))
         ]
 
@@ -132,12 +132,12 @@ class RecipeForm:
         hint: str,
         model: type[Section],
         values: Section | None,
-        names: str = "",
+        prefix: str = "",  # of the names of fields, by default the dotted place
     ) -> _FormSection:
         fields = []
         for key in model.model_fields:
             value = None if values is None else getattr(values, key)
-            name = f"{names or dotted(place)}.{key}"
+            name = f"{prefix or dotted(place)}.{key}"
             if key not in RANGES:
                 fields.append(self._field((*place, key), name, value))
                 continue
@@ -156,7 +156,7 @@ class RecipeForm:
         for end in _UNITS:
             text = text.removesuffix(end.replace("_", " "))
         kind: Literal["number", "yes", "text"] = "number"
-        if key in _TRUTHS:
+        if key in _YES_OR_NO:
             kind = "yes"
         elif key in _TEXTS:
             kind = "text"
@@ -165,41 +165,39 @@ class RecipeForm:
             label=f"{text}, {unit}" if unit else text,
             hint=COMMENTS.get(key, ""),
             kind=kind,
-            value=self._text(name, value, is_truth=kind == "yes"),
+            value=self._shown_text(name, value, is_truth=kind == "yes"),
             message=self._message(place, name),
         )
 
-    def _text(self, name: str, value: Any, *, is_truth: bool) -> str:
+    def _shown_text(self, name: str, value: Any, *, is_truth: bool) -> str:
         if self._entered is not None:
-            return str(self._entered.get(name, ""))
+            return self._entered.get(name, "")
         if is_truth:
             return "yes" if value else ""
         return _field_text(value)
 
-    def _value(self, name: str, number: int) -> str:
+    def _is_good(self, number: int) -> bool:
         if self._entered is not None:
-            return str(self._entered.get(name, ""))
-        return "pass" if number < len(self._recipe.passes) else "fail"
+            return self._entered.get(_use_field(number), "") == "pass"
+        return number < len(self._recipe.passes)
 
     def _message(self, place: Place, name: str = "") -> str:
         self._shown_places.add(place)
-        message, text = self._messages.get(place, ""), str((self._entered or {}).get(name, ""))
+        message, text = self._messages.get(place, ""), (self._entered or {}).get(name, "")
         is_with_comma = message and re.fullmatch(r"-?\d+,\d+", text.strip())
         return f"write {text.strip().replace(',', '.')}" if is_with_comma else message
 
 
-def settings_of(recipe: Recipe, entered: Mapping[str, Any]) -> dict[str, Any]:
+def settings_of(recipe: Recipe, entered: Mapping[str, str]) -> dict[str, Any]:
     """Return the settings of a form, not yet validated."""
     # Empty fields are left out. Textures that do not pass are bad.
     names = _textures(recipe)
-    uses = [str(entered.get(_use(number), "")) for number in range(len(names))]
+    uses = [entered.get(_use_field(number), "") for number in range(len(names))]
     passes = [name for name, use in zip(names, uses, strict=True) if use == "pass"]
     settings: dict[str, Any] = {
-        "note": str(entered.get("note", "")).strip() or None,
+        "note": entered.get("note", "").strip() or None,
         "acknowledged": [
-            name
-            for entry in str(entered.get("acknowledged", "")).split(",")
-            if (name := entry.strip())
+            name for entry in entered.get("acknowledged", "").split(",") if (name := entry.strip())
         ],
         "pass": passes,
         "fail": [name for name in names if name not in passes],
@@ -221,16 +219,16 @@ def _textures(recipe: Recipe) -> tuple[str, ...]:
     return (*recipe.passes, *recipe.fails)
 
 
-def _use(number: int) -> str:
+def _use_field(number: int) -> str:
     return f"use.{number}"
 
 
 def _entered_settings(
-    model: type[Section], names: str, entered: Mapping[str, Any], present: Section | None
+    model: type[Section], prefix: str, entered: Mapping[str, str], present: Section | None
 ) -> Iterator[tuple[str, Any]]:
     for key in model.model_fields:
-        name, value = f"{names}.{key}", getattr(present, key, None)
-        if key in _TRUTHS:
+        name, value = f"{prefix}.{key}", getattr(present, key, None)
+        if key in _YES_OR_NO:
             yield key, entered.get(name) == "yes"
         elif key in RANGES:
             values = value or (None, None)
@@ -251,10 +249,10 @@ def _field_text(value: Any) -> str:
     return "" if value is None else str(value)
 
 
-def _number(entered: Any, present: float | None) -> int | float | str | None:
+def _number(entered: str, present: float | None) -> int | float | str | None:
     """Return the number in a field; None if it is empty, or a text that is no number."""
     # A field shows four digits of the present value. If unchanged, it returns all digits.
-    text = str(entered).strip()
+    text = entered.strip()
     if text == _field_text(present):
         return present
     with suppress(ValueError):
