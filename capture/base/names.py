@@ -1,4 +1,4 @@
-"""Names and texts of files: what people may write in plans, recipes and stations."""
+"""What people may write in options, forms, plans and recipes: names, texts, labels, numbers."""
 
 import re
 from typing import Annotated
@@ -10,8 +10,7 @@ from classify.methods import checked_label
 
 SET_SUFFIX = ".ome.tif"
 """End of the name of a captured set."""
-# A page of text; longer notes belong in a file of their own.
-_MAX_CHARACTERS = 4000
+_MAX_CHARACTERS = 4000  # a page of text; longer notes belong in a file of their own
 NAME_PATTERN = "^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
 
 
@@ -42,6 +41,13 @@ def usable_label(label: str) -> str:
         return checked_label(label)
     except InputError as error:
         raise ValueError(str(error)) from error
+
+
+def typed_number(text: str) -> float:
+    """Return a number of ASCII digits; `float` also takes ``1_000`` and digits of other scripts."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"{text!r} is not a number")
+    return float(text)
 
 
 def _usable_text(text: str, context: ValidationInfo) -> str:

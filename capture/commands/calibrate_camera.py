@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from capture.base.typed_number import typed_number
 from capture.commands import calibrate_flow as flow
 from capture.commands import options
 from classify.base.errors import CalibrationRejected, InputError
@@ -210,6 +209,7 @@ def _response_of_files(
 
 
 def _exposures_ms(photographs: list[Path], text: str | None) -> list[float]:
+    from capture.base.names import typed_number
     from rig.image_file import read_exposure_ms
 
     if text is None:

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from capture.base.console import complain
-from capture.base.typed_number import typed_number
 from classify.base.errors import InputError
 
 if TYPE_CHECKING:
@@ -124,26 +123,26 @@ Size = Annotated[
 
 def defects(texts: list[str] | None) -> list[dict[str, Any]] | None:
     """Return the fields of `rig.Defect` for each --defect; the configuration checks the values."""
-    if texts is None:
-        return None
-    defects_fields = []
-    for text in texts:
-        kind, *values = (value.strip() for value in text.split(","))
-        last_name = {"stain": "contrast", "foreign": "surface"}.get(kind, "depth_px")
-        names = ("x_px", "y_px", "size_px", last_name)
-        try:
-            fields = {
-                name: value if name == "surface" else typed_number(value)
-                # Three or four values; any other number is a ValueError of `zip`.
-                for name, value in zip(names[: max(len(values), 3)], values, strict=True)
-            }
-        except ValueError:
-            raise InputError(
-                f"--defect {text}: give KIND,X,Y,SIZE or KIND,X,Y,SIZE,VALUE, such as "
-                "scratch,0,20,40,1.5"
-            ) from None
-        defects_fields.append({"kind": kind, **fields})
-    return defects_fields
+    return None if texts is None else [_defect(text) for text in texts]
+
+
+def _defect(text: str) -> dict[str, Any]:
+    from capture.base.names import typed_number
+
+    kind, *values = (value.strip() for value in text.split(","))
+    last_name = {"stain": "contrast", "foreign": "surface"}.get(kind, "depth_px")
+    fields: dict[str, Any] = {"kind": kind}
+    try:
+        if not 3 <= len(values) <= 4:
+            raise ValueError
+        for name, value in zip(("x_px", "y_px", "size_px", last_name), values, strict=False):
+            fields[name] = value if name == "surface" else typed_number(value)
+    except ValueError:
+        raise InputError(
+            f"--defect {text}: give KIND,X,Y,SIZE or KIND,X,Y,SIZE,VALUE, such as "
+            "scratch,0,20,40,1.5"
+        ) from None
+    return fields
 
 
 def with_simulation(
@@ -181,6 +180,8 @@ _MAX_DEG = 3600.0  # the limit of `Degrees` in a rig.toml
 
 def degrees(option: str, text: str, example: str) -> list[float]:
     """Parse angles in degrees, separated by commas, of an option."""
+    from capture.base.names import typed_number
+
     try:
         numbers = [typed_number(number) for number in text.split(",")]
     except ValueError:

@@ -8,7 +8,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from capture.base.typed_number import typed_number
+from capture.base.names import typed_number
 from capture.station.domain.limits import RANGES, ROWS, GeneralLimits, Limits
 from capture.station.domain.recipe import (
     CalibrationRule,
