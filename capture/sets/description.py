@@ -9,7 +9,7 @@ from datetime import date, datetime, time
 from types import MappingProxyType
 from typing import Any, Literal, get_args
 
-from capture.base.names import checked_text
+from capture.base.names import checked_text, typed_number
 from capture.base.utc_time import utc_text
 from classify.base.errors import InputError
 from classify.methods import checked_label
@@ -135,7 +135,7 @@ def _parsed_value(name: str, text: str, before: Property | None) -> Property | N
         return text if isinstance(before, str) else _property(name, _toml_value(text))
     if name == "orientation_deg":
         try:
-            degrees = float(text)
+            degrees = typed_number(text)
         except ValueError:
             degrees = math.nan
         if not math.isfinite(degrees):

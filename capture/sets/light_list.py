@@ -17,6 +17,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
+from capture.base.names import typed_number
 from classify import InputError, Lighting
 from classify.base.durable_file import durable_file
 from classify.base.regular_file import read_regular_file
@@ -225,10 +226,9 @@ def _parsed_lp(path: Path, text: str) -> LightList:
         if photograph is not None:
             name, fields = photograph[1], photograph[2].split()
         try:
-            # float accepts _ between digits.
-            if "_" in "".join(fields) or len(fields) > 4:
+            x, y, z, *intensity = map(typed_number, fields)
+            if len(intensity) > 1:
                 raise ValueError
-            x, y, z, *intensity = map(float, fields)
         except ValueError:
             raise InputError(
                 f"{path}: line {number} is not 'name x y z' or 'name x y z intensity' with decimal "

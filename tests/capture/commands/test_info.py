@@ -87,6 +87,7 @@ def test_an_orientation_beyond_a_circle_is_a_warning(
         ("gamma=srgb", "gamma: cannot be corrected"),
         ("label=Unknown", "label 'Unknown': "),
         ("orientation_deg=north", "orientation_deg north: give degrees"),
+        ("orientation_deg=4_0", "orientation_deg 4_0: give degrees"),
         (f"note={'a' * 4001}", "note: 4001 characters; up to 4000"),
     ],
 )

@@ -89,6 +89,7 @@ def test_names_may_contain_blanks_and_folders_of_another_computer(
         ("2\na.png 0 0 1\n\nb.png 0 0 up\n", "line 4 is not"),
         ("1\na.png 0_5 0 1\n", "line 2 .*: 'a.png 0_5 0 1'"),
         ("1\na.png 0,5 0,5 0,7\n", "line 2 .*: 'a.png 0,5 0,5 0,7'"),
+        ("1\na.png \u0660 0 1\n", "line 2 is not"),
         (b"2\na.png 0 0 1\n\xff.png 0 0 1\n", "line 3 is not UTF-8"),
         ("1\na\0b.png 0 0\n", "line 2 is not"),
         ("1\na.png 0 0 1 0.9 1 0.8\n", "line 2 is not 'name x y z' or 'name x y z intensity'"),
