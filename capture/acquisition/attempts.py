@@ -17,7 +17,7 @@ from capture.calibration.lookup import check_setting, read_calibration
 from capture.calibration.ps4cal import CalibrationFile
 from capture.calibration.setting import Setting
 from capture.sets.captured_set import CapturedSet
-from capture.sets.image_checks import LightImages
+from capture.sets.image_checks import CheckedImages
 from capture.sets.metadata import CameraRecord, LightingRecord, SetMetadata, image_noise
 from capture.sets.ome_tiff import PixelHash
 from classify import Calibration, InputError, Ps4rigError
@@ -198,12 +198,12 @@ def _attempt(
 
 def _images_of(
     rig: Rig, captured: list[SetImage], average: int, camera: CameraRecord
-) -> LightImages:
+) -> CheckedImages:
     """The images of a set for its checks."""
     ambient, *later_ambient = (image for image in captured if image.record.light is None)
     bit_depth = rig.camera.info.bit_depth
     full_scale = (1 << bit_depth) - 1 if average == 1 else 65535
-    return LightImages(
+    return CheckedImages(
         _stack(_light_images(captured)),
         ambient.pixels,
         later_ambient[0].pixels if later_ambient else None,

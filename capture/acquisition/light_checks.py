@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture.base.errors import SetRejected
-from capture.sets.image_checks import LightImages
+from capture.sets.image_checks import CheckedImages
 from capture.sets.metadata import ChecksRecord
 from classify import Calibration
 from classify.base.arrays import Array, Floats
@@ -27,7 +27,7 @@ _SHADED_PX = 128
 
 
 def check_set(
-    images: LightImages,
+    images: CheckedImages,
     calibration: Calibration,
     retake: Callable[[], Array],
     least_level: float | None = None,
@@ -51,7 +51,7 @@ def check_set(
     return ChecksRecord.of(agreement, light_order, ambient_change, undecided)
 
 
-def check_images(images: LightImages) -> None:
+def check_images(images: CheckedImages) -> None:
     """Reject images that are saturated or dark, by the limits of `rig.acceptance`."""
     causes: list[str] = []
     full_scale, ambient_mean = images.full_scale, images.ambient_mean
@@ -82,7 +82,7 @@ def check_images(images: LightImages) -> None:
         raise SetRejected("set rejected: " + "; ".join(causes))
 
 
-def _check_ambient(images: LightImages) -> float | None:
+def _check_ambient(images: CheckedImages) -> float | None:
     """Difference of two ambient images as a share of the brightest signal; None for one image."""
     if images.later_ambient is None:
         return None
@@ -98,7 +98,7 @@ def _check_ambient(images: LightImages) -> float | None:
     return change
 
 
-def check_target(images: LightImages) -> ChecksRecord:
+def check_target(images: CheckedImages) -> ChecksRecord:
     """Check images of a calibration target for faults that no target causes.
 
     Lights may be unequal and near, a sphere may be dark, and a sheet has no shading.
@@ -124,7 +124,7 @@ def _retake_reasons(agreement: LightAgreement | None) -> tuple[str, ...]:
     return tuple(causes)
 
 
-def _check_retake(images: LightImages, retaken: Array) -> None:
+def _check_retake(images: CheckedImages, retaken: Array) -> None:
     """Reject light images that a retake does not confirm."""
     ambient, signals = images.ambient_mean, images.signals
     for name, first, second, signal in zip(
@@ -141,7 +141,7 @@ def _check_retake(images: LightImages, retaken: Array) -> None:
             )
 
 
-def _check_signals(images: LightImages) -> None:
+def _check_signals(images: CheckedImages) -> None:
     """Reject light images of which one is far darker than the others."""
     shares = images.signals / images.lighting.intensities
     shares /= np.median(shares)
@@ -154,7 +154,7 @@ def _check_signals(images: LightImages) -> None:
             )
 
 
-def _checked_order(images: LightImages) -> Literal["confirmed", "undecided"]:
+def _checked_order(images: CheckedImages) -> Literal["confirmed", "undecided"]:
     """Whether the shading confirms the order of the lights; undecided for other than four."""
     lighting = images.lighting
     if len(lighting) != 4:
@@ -172,7 +172,7 @@ def _checked_order(images: LightImages) -> Literal["confirmed", "undecided"]:
     return "confirmed" if order.is_confirmed else "undecided"
 
 
-def _check_different(images: LightImages) -> None:
+def _check_different(images: CheckedImages) -> None:
     """Reject images of the camera of which two hold the same frame."""
     for earlier, later, equal, _ in images.equal_rows():
         raise SetRejected(
@@ -200,7 +200,7 @@ def measured_levels(checks: ChecksRecord) -> tuple[float, ...] | None:
 
 
 def _weak_leds(
-    agreement: LightAgreement | None, images: LightImages, least_level: float | None
+    agreement: LightAgreement | None, images: CheckedImages, least_level: float | None
 ) -> tuple[str, ...]:
     """Describe LEDs whose level must be corrected; reject images that no LED level explains."""
     if agreement is None or agreement.levels is None:

@@ -1,4 +1,4 @@
-"""`LightImages`: images of a set for checks of captures and imports; checks of photographs.
+"""`CheckedImages`: images of a set for checks of captures and imports; checks of photographs.
 
 The limits of a capture do not apply to photographs, which have gloss, cast shadows and near lights.
 Only findings that no surface explains lead to a refusal; the others are warnings.
@@ -39,7 +39,7 @@ _PROBED_COLUMNS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class LightImages:
+class CheckedImages:
     """The images of one set, in the order of the lights, uint16 or `calibrated` float32."""
 
     images: Array
@@ -59,7 +59,7 @@ class LightImages:
         """(N,) mean of each light image above the ambient one."""
         return np.array([_mean(image) for image in self.images]) - self.ambient_mean
 
-    def calibrated(self, calibration: Calibration) -> LightImages:
+    def calibrated(self, calibration: Calibration) -> CheckedImages:
         """Return these images as under lights of equal strength over the whole frame."""
         stack = calibration.corrected(ImageStack(self.images, self.ambient), self.full_scale)
         lighting, full_scale = calibration.lighting_of(self.lighting), self.full_scale
@@ -135,7 +135,7 @@ class _Finding:
 
 
 def check_photographs(
-    images: LightImages, mask: BoolArray | None, calibration: Calibration
+    images: CheckedImages, mask: BoolArray | None, calibration: Calibration
 ) -> tuple[list[_Finding], ChecksRecord]:
     """Check photographs inside `mask` (H, W); four lights are compared after the calibration."""
     shading = shading_of(images.images, images.ambient, images.full_scale, mask)
@@ -158,14 +158,14 @@ def check_photographs(
     return findings, ChecksRecord.of(agreement, "confirmed" if is_confirmed else "undecided")
 
 
-def _equal(images: LightImages) -> Iterator[_Finding]:
+def _equal(images: CheckedImages) -> Iterator[_Finding]:
     for first, second, equal, comparable in images.equal_rows():
         if equal > _SAME_IMAGE * comparable:
             text = f"{first} and {second} are the same image in {equal} of {comparable} rows"
             yield _Finding(ImportCause.EQUAL_IMAGES, text, refutes=True)
 
 
-def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
+def _levels(images: CheckedImages, mask: BoolArray | None) -> Iterator[_Finding]:
     inside = np.ones(images.ambient.shape, np.bool_) if mask is None else mask
     ambient = float(images.ambient[inside].mean())
     if ambient > acceptance.MAX_AMBIENT_SHARE * images.full_scale:
@@ -207,7 +207,7 @@ def _levels(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
         )
 
 
-def _clipping(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
+def _clipping(images: CheckedImages, mask: BoolArray | None) -> Iterator[_Finding]:
     clipped = {
         name: value / images.full_scale
         for name, image in zip(images.names, images.images, strict=True)
@@ -238,7 +238,7 @@ def _listed(names: Collection[str]) -> str:
     return first if len(names) <= _MAX_NAMES else f"{first} and {len(names) - _MAX_NAMES} more"
 
 
-def _mosaic(images: LightImages) -> Iterator[_Finding]:
+def _mosaic(images: CheckedImages) -> Iterator[_Finding]:
     """Warn of raw images of a colour camera, in which neighbours see different colours."""
     brightest = images.images[int(images.signals.argmax())]
     cells = [brightest[row::2, column::2] for row in (0, 1) for column in (0, 1)]
@@ -252,7 +252,7 @@ def _mosaic(images: LightImages) -> Iterator[_Finding]:
         yield _Finding(ImportCause.RESIDUAL, text, False)
 
 
-def _detail(images: LightImages, explained: Floats) -> Iterator[_Finding]:
+def _detail(images: CheckedImages, explained: Floats) -> Iterator[_Finding]:
     if len(images.images) < 4:  # three images of a matt surface are linearly independent
         return
     for name, share in zip(images.names, explained.tolist(), strict=False):
@@ -264,7 +264,7 @@ def _detail(images: LightImages, explained: Floats) -> Iterator[_Finding]:
             yield _Finding(ImportCause.RESIDUAL, text, share < acceptance.MIN_EXPLAINED_DETAIL)
 
 
-def _registration(images: LightImages, mask: BoolArray | None) -> Iterator[_Finding]:
+def _registration(images: CheckedImages, mask: BoolArray | None) -> Iterator[_Finding]:
     shift_px = shift_of_one_image(
         images.images, images.ambient, images.lighting, images.full_scale, mask
     )
@@ -276,7 +276,7 @@ def _registration(images: LightImages, mask: BoolArray | None) -> Iterator[_Find
         yield _Finding(ImportCause.RESIDUAL, text, False)
 
 
-def _order(images: LightImages, order: ShadingOrder) -> Iterator[_Finding]:
+def _order(images: CheckedImages, order: ShadingOrder) -> Iterator[_Finding]:
     if order.better is None:
         return
     tilts_deg, names = images.lighting.tilts_deg, images.names
@@ -297,7 +297,7 @@ def _order(images: LightImages, order: ShadingOrder) -> Iterator[_Finding]:
     yield _Finding(ImportCause.LIGHT_ORDER, text, refutes=True)
 
 
-def _one_light(images: LightImages, pairs: Sequence[tuple[int, int]]) -> Iterator[_Finding]:
+def _one_light(images: CheckedImages, pairs: Sequence[tuple[int, int]]) -> Iterator[_Finding]:
     for first, second in pairs:
         text = (
             f"{images.names[first]} and {images.names[second]} have one light direction, tilt "
@@ -306,7 +306,7 @@ def _one_light(images: LightImages, pairs: Sequence[tuple[int, int]]) -> Iterato
         yield _Finding(ImportCause.LIGHT_ORDER, text, refutes=True)
 
 
-def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Iterator[_Finding]:
+def _four_lights(images: CheckedImages, agreement: LightAgreement | None) -> Iterator[_Finding]:
     if len(images.images) == 4 and agreement is None:
         try:
             drop_one_constants(images.lighting, "ps4_robust")
@@ -328,7 +328,7 @@ def _four_lights(images: LightImages, agreement: LightAgreement | None) -> Itera
             yield _Finding(ImportCause.RESIDUAL, text, False)
 
 
-def _many_lights(images: LightImages) -> Iterator[_Finding]:
+def _many_lights(images: CheckedImages) -> Iterator[_Finding]:
     if len(images.images) < 5:
         return
     lighting = images.lighting

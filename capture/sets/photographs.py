@@ -22,7 +22,7 @@ from rig.image_metadata import ImageMetadata, linear_from_srgb, luminance
 from rig.set_file import pixels_sha256
 
 from .captured_set import CapturedSet
-from .image_checks import LightImages, check_photographs
+from .image_checks import CheckedImages, check_photographs
 from .metadata import ImageRecord, LightingRecord, SetMetadata
 from .photograph_warnings import (
     colour_warnings,
@@ -328,7 +328,7 @@ def import_images(
     ambient_image = None if ambient is None else photographs.planes[-1]
     # Bytes of a file name that are not UTF-8 are escaped.
     names = [path.name.encode("utf-8", "backslashreplace").decode() for path in files]
-    light_images = LightImages(
+    light_images = CheckedImages(
         images=images,
         ambient=np.zeros_like(images[0]) if ambient_image is None else ambient_image,
         later_ambient=None,

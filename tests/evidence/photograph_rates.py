@@ -19,7 +19,7 @@ import cv2
 import numpy as np
 
 from capture.base.errors import ImportCause
-from capture.sets.image_checks import LightImages, check_photographs
+from capture.sets.image_checks import CheckedImages, check_photographs
 from classify import Lighting
 from classify.calibration.calibration import Calibration
 from classify.lights.shading import shading_of, shading_order
@@ -42,7 +42,7 @@ EXCHANGED["another order"] = tuple(
 )
 
 
-def photographs(folder: Path) -> LightImages:
+def photographs(folder: Path) -> CheckedImages:
     """All photographs of a folder; a JPEG is taken for sRGB."""
     entries = json.loads((folder / "lights.json").read_text())["images"]
     read = [cv2.imread(str(folder / entry["file"]), cv2.IMREAD_GRAYSCALE) for entry in entries]
@@ -60,7 +60,7 @@ def photographs(folder: Path) -> LightImages:
         np.array([next((e[key] for key in keys if key in e), 1.0) for e in entries]),
     )
     names = [entry["file"] for entry in entries]
-    return LightImages(images, ambient, None, lighting, names, full_scale, None)
+    return CheckedImages(images, ambient, None, lighting, names, full_scale, None)
 
 
 def rings(lighting: Lighting) -> Iterator[list[int]]:
@@ -76,22 +76,22 @@ def rings(lighting: Lighting) -> Iterator[list[int]]:
             yield picked.tolist()
 
 
-def part(images: LightImages, of_images: list[int], of_lights: list[int]) -> LightImages:
+def part(images: CheckedImages, of_images: list[int], of_lights: list[int]) -> CheckedImages:
     lights = images.lighting
     lighting = Lighting(lights.directions[of_lights], lights.intensities[of_lights])
     names = [f"{place}: {images.names[k]}" for place, k in enumerate(of_images)]
-    return LightImages(
+    return CheckedImages(
         images.images[of_images], images.ambient, None, lighting, names, images.full_scale, None
     )
 
 
-def refused(images: LightImages) -> set[ImportCause]:
+def refused(images: CheckedImages) -> set[ImportCause]:
     return {
         each.cause for each in check_photographs(images, None, Calibration())[0] if each.refutes
     }
 
 
-def _are_met(folder: Path, others: LightImages, step: int) -> bool:
+def _are_met(folder: Path, others: CheckedImages, step: int) -> bool:
     images = photographs(folder)
     everything = list(range(len(images.names)))
     wrongly = int(refused(images) != set())

@@ -14,7 +14,7 @@ from capture.acquisition.attempts import capture_set
 from capture.acquisition.light_checks import check_set
 from capture.base.process_settings import configure_station_process, resident_bytes
 from capture.sets.captured_set import PLANAR, CapturedSet
-from capture.sets.image_checks import LightImages
+from capture.sets.image_checks import CheckedImages
 from capture.sets.ome_tiff import PixelHash
 from capture.station.domain.config import StationConfig
 from capture.station.domain.recipe import Recipe
@@ -155,7 +155,7 @@ def _check_as_captured(captured: CapturedSet) -> None:
     assert captured.ambient is not None
     lighting, full_scale = captured.lighting, captured.metadata.full_scale
     names = [f"LED {light}" for light in range(len(lighting))]
-    images = LightImages(
+    images = CheckedImages(
         captured.images, captured.ambient, captured.ambient, lighting, names, full_scale,
         captured.noise,
     )  # fmt: skip

@@ -11,7 +11,7 @@ from capture import CapturedSet, SetRejected, capture_set
 from capture.acquisition.light_checks import check_set
 from capture.base.errors import CalibrationError
 from capture.calibration.ps4cal import CalibrationFile
-from capture.sets.image_checks import LightImages
+from capture.sets.image_checks import CheckedImages
 from rig import Placement, Rig, RigConfig, open_rig
 
 
@@ -46,7 +46,7 @@ def test_a_calibrated_rig_is_still_rejected_for_a_fault(
     with rig_with("rock") as rig:
         captured = capture_set(rig, calibration=near_calibration)
     names, pixels = ("a", "b", "c", "d"), captured.images.astype(np.uint16)
-    images = LightImages(
+    images = CheckedImages(
         pixels, captured.ambient, None, captured.lighting, names, captured.metadata.full_scale, None
     )
     weak = images.images.copy()

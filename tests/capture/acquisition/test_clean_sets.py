@@ -6,7 +6,7 @@ import pytest
 
 from capture import SetRejected, capture_set, import_images
 from capture.acquisition.light_checks import check_set
-from capture.sets.image_checks import LightImages
+from capture.sets.image_checks import CheckedImages
 from capture.sets.light_list import load_light_list
 from classify.calibration.calibration import Calibration
 from rig import SYNTHETIC_30, Placement, RigConfig, open_rig
@@ -74,7 +74,7 @@ def test_photographs_under_near_and_uneven_lights_pass(chosen: tuple[int, ...]) 
     ambient = photographs.ambient
     assert ambient is not None
     names, full_scale = list(map(str, chosen)), photographs.metadata.full_scale
-    images = LightImages(photographs.images, ambient, ambient, lighting, names, full_scale, None)
+    images = CheckedImages(photographs.images, ambient, ambient, lighting, names, full_scale, None)
     # Near lights differ over the frame, so that these images cannot confirm one another.
     checks = check_set(images, Calibration(), lambda: photographs.images)
     assert checks.ambient_change == 0.0

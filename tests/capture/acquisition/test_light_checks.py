@@ -5,7 +5,7 @@ import pytest
 
 from capture import SetRejected
 from capture.acquisition.light_checks import check_images, check_set
-from capture.sets.image_checks import LightImages
+from capture.sets.image_checks import CheckedImages
 from classify import Calibration, Lighting
 
 NAMES = ("LED 0", "LED 1", "LED 2", "LED 3")
@@ -16,7 +16,7 @@ def check(levels: tuple[float, ...], ambient: float = 80.0, saturated_pixels: in
     images = np.stack([np.full((20, 50), level, np.uint16) for level in levels])
     images[1].flat[:saturated_pixels] = TOP
     dark = np.full((20, 50), ambient, np.uint16)
-    check_images(LightImages(images, dark, None, Lighting.ring(45.0), NAMES, TOP, None))
+    check_images(CheckedImages(images, dark, None, Lighting.ring(45.0), NAMES, TOP, None))
 
 
 def test_even_light_with_one_percent_of_saturated_pixels_passes() -> None:
@@ -43,7 +43,7 @@ def test_a_saturated_dark_or_weak_image_is_rejected_with_its_value(
 def test_an_ambient_image_that_is_a_light_image_is_named_as_such() -> None:
     images = np.random.default_rng(0).integers(500, 2000, (4, 20, 50), np.uint16)
     lighting = Lighting.ring(45.0)
-    repeated = LightImages(images, images[2].copy(), None, lighting, NAMES, TOP, None)
+    repeated = CheckedImages(images, images[2].copy(), None, lighting, NAMES, TOP, None)
     with pytest.raises(SetRejected, match=r"under LED 2 and ambient light are the same in 20 of"):
         check_set(repeated, Calibration(), lambda: images)
 
