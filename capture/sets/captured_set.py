@@ -1,4 +1,7 @@
-"""`CapturedSet`: the images of one surface under each light, with their metadata; `LoadedSet`."""
+"""`CapturedSet`: the images of one surface under each light, with their metadata.
+
+`LoadedSet` is a captured set with its calibration.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,6 @@ from classify.images import ImageStack
 
 from .metadata import SetMetadata, image_noise
 
-_CAMERA_FIELDS = {"exposure_ms", "gain", "gamma", "pixel_value_controls"}
 _REMEDY = "pass another one as calibration=, or raw=True for none"
 
 
@@ -61,7 +63,7 @@ class CapturedSet:
     mask: BoolArray | None = None
     path: Path | None = field(default=None, repr=False)
     calibration: CalibrationFile | None = field(default=None, repr=False)
-    # Images, ambient image and mask of which the metadata have the hash; empty if unknown.
+    # Images, ambient image and mask whose hash is in the metadata; empty if unknown.
     hashed: tuple[object, ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
@@ -241,20 +243,28 @@ def calibration_of(
 def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:
     """Return the setting of a captured or imported set with images of `shape` (rows, columns)."""
     camera = metadata.camera
-    stated = {} if camera is None else camera.model_dump(include=_CAMERA_FIELDS)
     name = None if camera is None or camera.kind == "replay" else f"{camera.kind} {camera.name}"
     lit = [record for record in metadata.images if record.light is not None]
     intensities, checks = np.array(metadata.lighting.intensities), metadata.checks
     if checks is not None and checks.levels_corrected:
         intensities /= checks.light_levels
     return Setting(
-        camera=name, width_px=shape[1], height_px=shape[0], photograph_gamma=metadata.gamma,
+        simulated=metadata.simulated,
+        rig_name=metadata.rig_name,
+        camera=name,
+        width_px=shape[1],
+        height_px=shape[0],
+        crop=metadata.crop,
+        bit_depth=metadata.bit_depth,
+        exposure_ms=None if camera is None else camera.exposure_ms,
+        gain=None if camera is None else camera.gain,
+        gamma=None if camera is None else camera.gamma,
+        pixel_value_controls={} if camera is None else camera.pixel_value_controls,
+        photograph_gamma=metadata.gamma,
         light_directions=metadata.lighting.directions,
         light_intensities=tuple(intensities.tolist()),
         led_levels_percent=tuple(record.led_level_percent for record in lit),
-        **metadata.model_dump(include={"simulated", "rig_name", "crop", "bit_depth"}),
-        **({"exposure_ms": None} | stated),
-    )  # fmt: skip
+    )
 
 
 # Training sets are solved as planar parts. This removes the fall-off of near lights; a texture has
@@ -286,10 +296,10 @@ class LoadedSet:
         """Scale of the calibration in use, else the one given at import; None if it is unknown."""
         if self.calibration is not None and self.calibration.mm_per_px is not None:
             return self.calibration.mm_per_px
-        hashes, applied = self.captured.metadata.calibration_ids, self.found_calibration
-        # The scale in the metadata may be from the named calibration, and then needs that one.
-        is_named = applied is not None and applied.file.hash in hashes
-        return self.captured.metadata.mm_per_px if is_named or not hashes else None
+        metadata, found = self.captured.metadata, self.found_calibration
+        # A set that names a calibration may have its scale from it.
+        is_named = found is not None and found.file.hash in metadata.calibration_ids
+        return metadata.mm_per_px if is_named or not metadata.calibration_ids else None
 
     @property
     def warnings(self) -> tuple[str, ...]:

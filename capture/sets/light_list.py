@@ -32,7 +32,7 @@ _QUOTES = "\"'"
 # Line of an RTI list whose name ends like that of a photograph: name and numbers.
 _SUFFIX = "|".join(map(re.escape, PHOTOGRAPH_SUFFIXES))
 _PHOTOGRAPH_LINE = re.compile(rf"(.*(?:{_SUFFIX})[{_QUOTES}]?)\s(.*)", re.I)
-# Words in the names that others give to the keys of this format.
+# Words by which a misspelt or foreign name of a key of this format is recognised.
 _SIMILAR_KEYS = {
     "intensity": {
         "intensity", "intensities", "brightness", "strength", "strengths", "level", "levels",
@@ -42,8 +42,8 @@ _SIMILAR_KEYS = {
     "file": {"file", "filename", "image", "name", "path", "photo"},
     "images": {"images", "image", "lights", "photos", "photographs", "files"},
 }  # fmt: skip
-# A word is a misspelling of a known one of at least `_LONG_WORD` letters if their similarity is at
-# least `_MISSPELT`: one or two letters of ten differ. A short word is similar to too many others.
+# Similarity (difflib) from which a word is a misspelling: one or two letters of ten differ. It is
+# compared with words of `_LONG_WORD` letters or more: short ones are similar to too many others.
 _MISSPELT, _LONG_WORD = 0.8, 8
 
 
@@ -115,7 +115,8 @@ class LightList:
                     f"{self.source}: {first} and {images[number]} both have the light of {place}; "
                     "list one image for each light"
                 )
-            if fault := light_fault(self.vectors[row], (self.intensities or {row: 1.0})[row]):
+            intensity = self.intensities[row] if self.intensities else 1.0
+            if fault := light_fault(self.vectors[row], intensity):
                 raise InputError(f"{self.source}: {place}: the light {fault}")
         intensities = [self.intensities[row] for row in rows] if self.intensities else []
         return Lighting(np.array(self.vectors)[rows], np.array(intensities))

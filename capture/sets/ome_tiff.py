@@ -19,6 +19,7 @@ from capture.base.names import SET_SUFFIX
 from classify.base.arrays import BoolArray
 from classify.base.durable_file import durable_file
 from classify.base.errors import InputError
+from classify.base.models import first_fault
 from classify.base.threads import in_background
 from rig.set_file import (
     NAMESPACE,
@@ -147,9 +148,7 @@ def _metadata(path: Path, fields: dict[str, Any], pages: int) -> SetMetadata:
         )
         metadata.lighting.to_lighting()
     except ValidationError as error:
-        first = error.errors()[0]
-        field = ".".join(map(str, first["loc"]))
-        raise InputError(f"{path}: metadata field {field}: {first['msg']}") from error
+        raise InputError(f"{path}: metadata field {first_fault(error)}") from error
     except InputError as error:
         raise InputError(f"{path}: {error}") from error
     lights = len(metadata.lighting.directions)
