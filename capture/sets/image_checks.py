@@ -1,4 +1,4 @@
-"""`CheckedImages`: images of a set for checks of captures and imports; checks of photographs.
+"""`CheckedImages` of a captured or imported set; the checks of photographs.
 
 The limits of a capture do not apply to photographs, which have gloss, cast shadows and near lights.
 Only findings that no surface explains lead to a refusal; the others are warnings.
@@ -60,7 +60,7 @@ class CheckedImages:
         return np.array([_mean(image) for image in self.images]) - self.ambient_mean
 
     def calibrated(self, calibration: Calibration) -> CheckedImages:
-        """Return these images as under lights of equal strength over the whole frame."""
+        """Return the images that lights of equal strength all over the frame would give."""
         stack = calibration.corrected(ImageStack(self.images, self.ambient), self.full_scale)
         lighting, full_scale = calibration.lighting_of(self.lighting), self.full_scale
         noise = calibration.noise_of(self.noise, has_ambient=True)
@@ -69,7 +69,7 @@ class CheckedImages:
             stack = divisor.divide(stack, full_scale)
             full_scale = float(divisor.saturation(full_scale))
             lighting = replace(lighting, intensities=np.ones(len(lighting)))
-            noise = None  # it differs from place to place now, and is estimated from the images
+            noise = None  # it is no longer uniform over the frame: estimated from the images
         assert stack.ambient is not None
         return replace(
             self,
@@ -117,11 +117,11 @@ _SAME_IMAGE = 0.5
 # test_photograph_checks.py fails with 2 and with 8.
 _ENOUGH_IMAGES = 4
 _MAX_NAMES = 3  # in one message
-# The largest value of an image is that of clipped light if it is this many times as frequent as the
-# next one. Unclipped values become rarer towards the largest.
+# Ratio of the frequencies of the two largest values of an image above which its light is clipped.
+# Unclipped values become rarer towards the largest.
 _CLIPPED = 4.0
-# Difference of the means of pixels in even and odd rows and columns above which an image is a raw
-# one of a colour camera. Photographs of 128 px in tests/data reach 0.014.
+# An image is the raw one of a colour camera (Bayer pattern) if the means of its pixels in even and
+# odd rows and columns differ by more. Photographs of 128 px in tests/data reach 0.014.
 _MOSAIC = 0.1
 
 
@@ -215,9 +215,9 @@ def _clipping(images: CheckedImages, mask: BoolArray | None) -> Iterator[_Findin
     }
     if clipped:
         text = (
-            f"{_listed(clipped)}: clipped at down to {min(clipped.values()):.0%} of the full "
-            "scale, so that saturated pixels count as good; expose for less, and do not scale the "
-            "values"
+            f"{_listed(clipped)}: the light is clipped below full scale, at "
+            f"{min(clipped.values()):.0%} of it, so that saturated pixels count as good; shorten "
+            "the exposure, and do not scale the values"
         )
         yield _Finding(ImportCause.SATURATION, text, False)
 

@@ -1,7 +1,10 @@
 """Warnings about photographs: settings of the camera, rotation, lights and mask."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import cv2
 import numpy as np
@@ -10,7 +13,10 @@ from classify import Lighting
 from classify.base.arrays import BoolArray, FloatMap
 from rig.image_metadata import ImageMetadata
 
-# Slant up to which a warning comes. Lights of microscopes and copy stands have 10 degrees and more.
+if TYPE_CHECKING:
+    from .photographs import Photographs
+
+# Largest slant that is warned of. Lights of microscopes and copy stands have 10 degrees and more.
 _SMALL_SLANT_DEG = 5.0
 # Largest difference of the share of red, green or blue in a pixel under two lights. White balances
 # that differ by 10 to 20 % in red and blue change it by 0.07, and normals by 1.6 degrees.
@@ -28,63 +34,76 @@ def file_warnings(metadata: Sequence[ImageMetadata]) -> list[str]:
         if values and not _are_equal(values)
     ]
     orientation = metadata[0].orientation
-    # A camera that looks down may state any orientation, another one for its calibration.
+    # A camera that looks down may state any orientation, and another one for its calibration.
     if orientation != 1:
-        text = f"the photographs were rotated by their EXIF orientation {orientation}; lights, mask"
-        warnings.append(f"{text} and crop must be those of the rotated image")
+        warnings.append(
+            f"the photographs were rotated by their EXIF orientation {orientation}; lights, mask "
+            "and crop must be those of the rotated image"
+        )
     return warnings
 
 
-def exposure_warnings(exposures_ms: Sequence[float]) -> list[str]:
-    """Warn of exposure times that differ."""
-    if not exposures_ms or _are_equal(exposures_ms):
-        return []
-    text = f"the files state exposures of {min(exposures_ms):.4g} to {max(exposures_ms):.4g} ms"
-    return [f"{text}; expose all alike, or give intensities by --lights that contain them"]
+def import_warnings(
+    photographs: Photographs, lighting: Lighting, mask_path: Path | None, mask: BoolArray | None
+) -> Iterator[str]:
+    """Warn of a guessed depth, and of exposures, colours, lights and a mask that look wrong."""
+    if photographs.depth_guessed_from is not None and photographs.bit_depth != 16:
+        yield (
+            f"the data are taken for {photographs.bit_depth} bits, because the largest value is "
+            f"{photographs.depth_guessed_from}; --bits N sets another depth"
+        )
+    exposures_ms = photographs.exposures_ms
+    if exposures_ms and not _are_equal(exposures_ms):
+        yield (
+            f"the files state exposures of {min(exposures_ms):.4g} to {max(exposures_ms):.4g} ms; "
+            "expose all alike, or give intensities by --lights that contain them"
+        )
+    change = _colour_change(photographs.colours, len(lighting))
+    if change > _MAX_COLOUR_CHANGE:
+        yield (
+            f"the share of a colour in a pixel differs by {change:.0%} between the photographs, as "
+            "by an automatic white balance; fix it, or give DNG"
+        )
+    largest_slant_deg = float(lighting.slants_deg.max())
+    if largest_slant_deg <= _SMALL_SLANT_DEG:
+        yield (
+            f"all lights stand within {largest_slant_deg:.3g} degrees of the camera's axis, so "
+            "that slopes are poorly known; slants are degrees, not radians"
+        )
+    if mask_path is not None and mask is not None:
+        enclosed = _enclosed_black_share(mask)
+        if enclosed > mask.mean():
+            yield (
+                f"{mask_path.name}: the mask is white on {mask.mean():.1%} of the image and "
+                f"encloses {enclosed:.1%} that is black; fill the outline if the part is inside"
+            )
 
 
-def colour_warnings(colours: Sequence[FloatMap], count: int) -> list[str]:
-    """Warn if pixels have another colour under some of `count` lights; an ambient image follows."""
+def _colour_change(colours: Sequence[FloatMap], light_count: int) -> float:
+    """Largest change of the share of a colour in a pixel; 0 for grey photographs.
+
+    `colours` are those of the light images, and then of the ambient image if there is one.
+    """
     if not colours:
-        return []
-    rgb = np.stack(colours[:count]) - (colours[count] if len(colours) > count else 0.0)
+        return 0.0
+    ambient = colours[light_count] if len(colours) > light_count else 0.0
+    rgb = np.stack(colours[:light_count]) - ambient
     sums = rgb.sum(axis=2, keepdims=True)
     usable = (sums > 3.0 * _MIN_LIGHT).all(axis=(0, 2))  # false for NaN
     if not usable.any():
-        return []
+        return 0.0
     shares = rgb[:, usable] / sums[:, usable]
     # Shading and albedo cancel.
-    change = float(np.ptp(np.median(shares - shares.mean(axis=0), axis=1), axis=0).max())
-    if change <= _MAX_COLOUR_CHANGE:
-        return []
-    text = (
-        f"the share of a colour in a pixel differs by {change:.0%} between the photographs, as by"
-    )
-    return [f"{text} an automatic white balance; fix it, or give DNG"]
+    return float(np.ptp(np.median(shares - shares.mean(axis=0), axis=1), axis=0).max())
 
 
-def slant_warnings(lighting: Lighting) -> list[str]:
-    """Warn of lights near the camera's axis."""
-    largest_deg = float(lighting.slants_deg.max())
-    if largest_deg > _SMALL_SLANT_DEG:
-        return []
-    text = f"all lights stand within {largest_deg:.3g} degrees of the camera's axis, so that slopes"
-    return [f"{text} are poorly known; slants are degrees, not radians"]
-
-
-def outline_warnings(path: Path | None, mask: BoolArray | None) -> list[str]:
-    """Warn of a mask that encloses more black than it has white."""
-    if path is None or mask is None:
-        return []
-    # Black areas, with a black border around the image: the area of a corner is the outside.
+def _enclosed_black_share(mask: BoolArray) -> float:
+    """Share of the image that is black and surrounded by the white of a mask."""
+    # With a black border around the image, the area of its corner is the outside.
     _, areas = cv2.connectedComponents(
         np.pad(~mask, 1, constant_values=True).view(np.uint8), connectivity=4
     )
-    enclosed = float((areas[1:-1, 1:-1] > areas[0, 0]).mean())
-    if enclosed <= mask.mean():
-        return []
-    text = f"{path.name}: the mask is white on {mask.mean():.1%} of the image and encloses"
-    return [f"{text} {enclosed:.1%} that is black; fill the outline if the part is inside"]
+    return float((areas[1:-1, 1:-1] > areas[0, 0]).mean())
 
 
 def _are_equal(values: Sequence[float]) -> bool:

@@ -24,24 +24,18 @@ from rig.set_file import pixels_sha256
 from .captured_set import CapturedSet
 from .image_checks import CheckedImages, check_photographs
 from .metadata import ImageRecord, LightingRecord, SetMetadata
-from .photograph_warnings import (
-    colour_warnings,
-    exposure_warnings,
-    file_warnings,
-    outline_warnings,
-    slant_warnings,
-)
+from .photograph_warnings import file_warnings, import_warnings
 
 Gamma = Literal["linear", "srgb"]
 _GammaSource = Literal["stated", "given", "assumed"]  # by the files, by the user, by default
-Crop = tuple[int, int, int, int]
+Crop = tuple[int, int, int, int]  # column and row of the top left pixel, width, height
 
 EXPORTED_METADATA = "metadata.json"
 """Metadata of a set beside its images in a folder of `ps4rig export`."""
 _MAX_METADATA_BYTES = 1 << 24
 
 DNG = ".dng"
-_SAMPLES = 64  # along each side
+_SAMPLES = 64  # of colours, along each side of an image
 # Depths of common sensors, from which that of a file of 16 bits is guessed.
 _DEPTHS = (8, 10, 12, 14, 16)
 
@@ -79,8 +73,8 @@ def read_photographs(
     stated = [file.response for file in metadata]
     gamma, source, warnings = _gamma_to_undo(paths, stated, frames[0], gamma)
     images = [_cropped(frame, crop) for frame in frames]
-    if (gamma, source) == ("srgb", "stated"):
-        bits = bits or 8 * images[0].dtype.itemsize  # sRGB fills the depth of the file
+    if bits is None and gamma == "srgb" and source == "stated":
+        bits = 8 * images[0].dtype.itemsize  # sRGB fills the depth of the file
     bit_depth, full_scale, largest = (16, 65535, None) if dng_count else _depth(images, bits)
     is_srgb = gamma == "srgb"
     is_colour = [image.ndim == 3 for image in images]
@@ -109,8 +103,11 @@ def _gamma_to_undo(
         if not others:
             return gamma, "given", ()
         more = f" and {len(others) - 1} more" if len(others) > 1 else ""
-        text = f"{paths[others[0]].name}{more}: the file states {stated[others[0]]}"
-        return gamma, "given", (f"{text}, but was read with --gamma {gamma}",)
+        warning = (
+            f"{paths[others[0]].name}{more}: the file states {stated[others[0]]}, but was read "
+            f"with --gamma {gamma}"
+        )
+        return gamma, "given", (warning,)
     first = stated[0]
     for path, response in zip(paths, stated, strict=True):
         if response != first:
@@ -133,8 +130,11 @@ def _gamma_to_undo(
     if frame.dtype != np.uint8 and frame.ndim == 2:
         return "linear", "assumed", ()
     kind = "have 8 bits" if frame.dtype == np.uint8 else "are in colour"
-    text = f"the photographs {kind} and do not state their response: read as linear; "
-    return "linear", "assumed", (f"{text}--gamma srgb or --gamma linear states it",)
+    warning = (
+        f"the photographs {kind} and do not state their response: read as linear; --gamma srgb or "
+        "--gamma linear states it"
+    )
+    return "linear", "assumed", (warning,)
 
 
 def read_mask(
@@ -238,7 +238,7 @@ def _linear(image: Array, full_scale: int, srgb: bool) -> FloatMap:
 
 
 def _colours(image: Array, full_scale: int, srgb: bool) -> FloatMap:
-    """Linear colours of the pixels on a grid, NaN if saturated."""
+    """(n, 3) linear colours of pixels on a grid, NaN if saturated."""
     row_step, column_step = (max(1, side // _SAMPLES) for side in image.shape[:2])
     samples = image[::row_step, ::column_step].reshape(-1, 3)
     colours = _linear(samples, full_scale, srgb)
@@ -326,8 +326,7 @@ def import_images(
     )
     images = np.stack(photographs.planes[: len(lighting)])
     ambient_image = None if ambient is None else photographs.planes[-1]
-    # Bytes of a file name that are not UTF-8 are escaped.
-    names = [path.name.encode("utf-8", "backslashreplace").decode() for path in files]
+    names = [_escaped_name(path) for path in files]
     light_images = CheckedImages(
         images=images,
         ambient=np.zeros_like(images[0]) if ambient_image is None else ambient_image,
@@ -360,15 +359,11 @@ def import_images(
         gamma_source=photographs.gamma_source,
         photographed=photographs.capture_date,
         crop=crop,
-        mask_file=None if mask is None else mask.name.encode("utf-8", "backslashreplace").decode(),
+        mask_file=None if mask is None else _escaped_name(mask),
         warnings=(
             *warnings,
             *photographs.warnings,
-            *_depth_warnings(photographs),
-            *exposure_warnings(photographs.exposures_ms),
-            *colour_warnings(photographs.colours, len(lighting)),
-            *slant_warnings(lighting),
-            *outline_warnings(mask, part_mask),
+            *import_warnings(photographs, lighting, mask, part_mask),
             *(finding.text for finding in findings),
         ),
         accepted=tuple(dict.fromkeys(finding.cause for finding in findings if finding.refutes)),
@@ -378,11 +373,9 @@ def import_images(
     return CapturedSet(images, ambient_image, metadata, part_mask)
 
 
-def _depth_warnings(photographs: Photographs) -> list[str]:
-    if photographs.depth_guessed_from is None or photographs.bit_depth == 16:
-        return []
-    text = f"the data are taken for {photographs.bit_depth} bits, because the largest value is"
-    return [f"{text} {photographs.depth_guessed_from}; --bits N sets another depth"]
+def _escaped_name(path: Path) -> str:
+    """Name of a file, with escapes for bytes that are not UTF-8."""
+    return path.name.encode("utf-8", "backslashreplace").decode()
 
 
 def _is_simulated(folder: Path) -> bool:

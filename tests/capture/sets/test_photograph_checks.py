@@ -152,7 +152,7 @@ def test_photographs_clipped_below_full_scale_are_a_warning(tmp_path: Path) -> N
         tmp_path, 2, lambda image: np.minimum(image, int(np.quantile(image, 0.97))).astype(np.uint8)
     )
     (warning,) = imported(clipped).metadata.warnings
-    assert re.match(r"image2\.png: clipped at down to \d\d% of the full scale", warning)
+    assert re.match(r"image2\.png: the light is clipped below full scale, at \d\d% of it", warning)
 
 
 def test_a_spoilt_photograph_of_many_is_a_warning(tmp_path: Path) -> None:
