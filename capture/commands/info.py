@@ -287,7 +287,5 @@ def _print(comparison: Comparison) -> None:
         out.print(f"{name}: B - A has mean {difference.mean:.3g}, rms {difference.rms:.3g}{unit}")
     if comparison.maps and not comparison.is_aligned:
         out.print("the part was moved, or another one: pixels do not belong together")
-    for field in comparison.fields:
-        out.print(
-            f"{field.field}: {field.first} -> {field.second}", markup=False,
-        )  # fmt: skip
+    for field, first, second in comparison.fields:
+        out.print(f"{field}: {first} -> {second}")

@@ -1,4 +1,4 @@
-"""The comparison of two sides: textures, maps pixel by pixel, and fields; its page."""
+"""Compare two sets or folders of maps: textures, maps pixel by pixel, fields; and their page."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class _Side:
 
 
 def side_of(path: Path, calibration: Path | None = None, *, raw: bool = False) -> _Side:
-    """Read and solve a set as `LoadedSet.of`, or read a folder of maps of ``ps4rig solve``."""
+    """Read a folder of maps of ``ps4rig solve``, or read and solve a set; see `LoadedSet.of`."""
     if path.is_dir():
         return _side_of_folder(path)
     if not path.name.endswith(SET_SUFFIX):
@@ -127,7 +127,7 @@ def _side_of_folder(folder: Path) -> _Side:
     valid = read_map(folder / "valid.tif")[0] > 0
     for name in _compared_kinds():
         path = folder / f"{name}.tif"
-        values, of_map = read_map(path)
+        values, map_description = read_map(path)
         if values.shape != valid.shape or valid.ndim != 2:
             raise InputError(
                 f"{folder / 'valid.tif'}: has shape {valid.shape}, but {name}.tif "
@@ -135,7 +135,9 @@ def _side_of_folder(folder: Path) -> _Side:
             )
         if not np.isfinite(values[valid]).all():
             raise InputError(f"{path}: not finite where valid.tif is not 0; solve again")
-        unit = unit_text(str(of_map.get("unit", "")), relative=bool(of_map.get("relative")))
+        unit = unit_text(
+            str(map_description.get("unit", "")), relative=bool(map_description.get("relative"))
+        )
         valid_values = np.where(valid, values, np.float32(np.nan))
         maps[name] = valid_values.astype(np.float32, copy=False), unit
     p, q, albedo = (
@@ -169,26 +171,20 @@ def _compared_kinds() -> dict[str, MapKind]:
     return {name: kind for name, kind in MAP_KINDS.items() if kind.is_compared}
 
 
-@dataclass(frozen=True)
-class FieldDifference:
-    """A field and its value on either side; None where one does not have it."""
-
-    field: str
-    first: Any
-    second: Any
-
-
 def field_differences(
     first: Mapping[str, Any], second: Mapping[str, Any], name: str = ""
-) -> Iterator[FieldDifference]:
-    """Yield the fields that differ, as paths with dots; lists are compared as a whole."""
+) -> Iterator[tuple[str, Any, Any]]:
+    """Yield the path with dots and both values of each field that differs.
+
+    A value is None on a side without the field. Lists are compared as a whole.
+    """
     for key in dict.fromkeys([*first, *second]):
         one, other = first.get(key), second.get(key)
         path = f"{name}.{key}" if name else key
         if isinstance(one, Mapping) and isinstance(other, Mapping):
             yield from field_differences(one, other, path)
         elif one != other:
-            yield FieldDifference(path, one, other)
+            yield path, one, other
 
 
 @dataclass(frozen=True)
@@ -256,7 +252,7 @@ class Comparison:
     angle_deg: float | None  # from the first texture to the second, anticlockwise, [-90, 90)
     maps: Mapping[str, _MapDifference]  # those of equal size and unit
     normals_deg: tuple[float, float] | None  # median and 95th percentile of the angle between them
-    fields: tuple[FieldDifference, ...]
+    fields: tuple[tuple[str, Any, Any], ...]  # those that differ: path and both values
 
     @property
     def angle_text(self) -> str | None:
@@ -284,7 +280,7 @@ class Comparison:
             "normals_p95_deg": None if self.normals_deg is None else self.normals_deg[1],
             "maps": {name: asdict(difference) for name, difference in self.maps.items()},
             "differences": [
-                {"field": field.field, "a": field.first, "b": field.second} for field in self.fields
+                {"field": field, "a": first, "b": second} for field, first, second in self.fields
             ],
         }
 
@@ -301,11 +297,13 @@ def compare(first: _Side, second: _Side) -> Comparison:
         valid = first.surface.valid & second.surface.valid
         for name, (values, unit) in first.maps.items():
             others, other_unit = second.maps[name]
+            if unit != other_unit:
+                continue
             deviation = None
             if name in first.deviations and name in second.deviations:
                 deviation = np.hypot(first.deviations[name], second.deviations[name])
             difference = map_difference(values, others, valid, unit, deviation)
-            if unit == other_unit and difference is not None:
+            if difference is not None:
                 maps[name] = difference
         if valid.any():
             normals = (side.surface.normals[valid] for side in (first, second))
@@ -333,7 +331,7 @@ def comparison_page(comparison: Comparison) -> str:
         facts=_facts(comparison),
         views=_views(comparison),
         fields=[
-            (field.field, _text(field.first), _text(field.second)) for field in comparison.fields
+            (field, _value_text(one), _value_text(other)) for field, one, other in comparison.fields
         ],
     )
 
@@ -353,15 +351,15 @@ def _facts(comparison: Comparison) -> Iterator[tuple[str, str]]:
 
 
 def _views(comparison: Comparison) -> Iterator[MapView | None]:
-    """Yield three for each map: A, B, and their difference, or None if it has none."""
+    """Yield three views of each map: A, B, and their difference; None for no difference."""
     for name in comparison.first.maps:
         sides = (("A", comparison.first), ("B", comparison.second))
-        values_of_sides = [pictures.reduced(side.maps[name][0]) for _, side in sides]
+        reduced = [pictures.reduced(side.maps[name][0]) for _, side in sides]
         scale_of = ColourScale.signed if MAP_KINDS[name].show is signed else ColourScale.grey
-        one_scale = scale_of(np.concatenate([values.ravel() for values in values_of_sides]))
+        shared_scale = scale_of(np.concatenate([values.ravel() for values in reduced]))
         have_one_unit = len({side.maps[name][1] for _, side in sides}) == 1
-        for (letter, side), values in zip(sides, values_of_sides, strict=True):
-            scale = one_scale if have_one_unit else scale_of(values)
+        for (letter, side), values in zip(sides, reduced, strict=True):
+            scale = shared_scale if have_one_unit else scale_of(values)
             unit, title = side.maps[name][1], f"{letter}: {name}"
             yield MapView(None, title, side.path.name, scale.paint(values), scale, unit)
         if name not in comparison.maps:
@@ -373,7 +371,7 @@ def _views(comparison: Comparison) -> Iterator[MapView | None]:
         yield MapView(None, f"B - A: {name}", "", scale.paint(difference), scale, unit)
 
 
-def _text(value: Any) -> str:
+def _value_text(value: Any) -> str:
     if value is None:
         return "-"
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

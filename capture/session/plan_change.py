@@ -65,13 +65,12 @@ def plan_changes(plan: SessionPlan, folder: SessionFolder) -> list[str]:
 
 
 def _changes(before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Each field that differs, with its values, and its name."""
-    for difference in field_differences(before, after):
+    """Each field that differs as a line with both values, and its name."""
+    for field, *values in field_differences(before, after):
         first, second = (
-            "none" if value is None else json.dumps(value, ensure_ascii=False)
-            for value in (difference.first, difference.second)
+            "none" if value is None else json.dumps(value, ensure_ascii=False) for value in values
         )
-        yield f"{difference.field}: {first} -> {second}", difference.field
+        yield f"{field}: {first} -> {second}", field
 
 
 def _unchanged(captured: int) -> str:

@@ -82,8 +82,8 @@ def test_the_angle_is_anticlockwise_from_the_first_to_the_second(capture: Captur
 
 def test_what_differs_is_named_field_by_field(capture: Capture) -> None:
     found = compared(capture("a"), capture("b", exposure_ms=15.0))
-    by_field = {each.field: (each.first, each.second) for each in found.fields}
-    assert by_field.pop("settings.exposure_ms") == (20.0, 15.0)
+    by_field = {field: values for field, *values in found.fields}
+    assert by_field.pop("settings.exposure_ms") == [20.0, 15.0]
     assert set(by_field) <= {"set.created_utc"}
 
 
@@ -93,7 +93,7 @@ def test_frames_of_unlike_sizes_have_a_distance_and_no_pixels(capture: Capture) 
     assert found.maps == {}
     assert found.normals_deg is None
     assert not found.is_aligned
-    assert {"settings.width_px", "settings.height_px"} <= {each.field for each in found.fields}
+    assert {"settings.width_px", "settings.height_px"} <= {field for field, *_ in found.fields}
 
 
 def test_the_command_writes_a_page_and_says_the_figures(
@@ -132,7 +132,7 @@ def test_folders_of_maps_are_compared_as_their_sets_are(
     assert of_maps.maps["height"].unit == "px, relative"
     assert of_maps.texture is not None
     assert of_maps.texture.distance < 0.1
-    assert [each.field for each in of_maps.fields] == ["set.pixels_sha256"]
+    assert [field for field, *_ in of_maps.fields] == ["set.pixels_sha256"]
     # A set and a folder are compared too.
     assert compared(sets[0], folders[1]).is_aligned
 
