@@ -50,7 +50,7 @@ def png_of(figure: Figure, dpi: float) -> bytes:
 
 
 def svg_uri(figure: Figure) -> str:
-    """Return a figure as an SVG image in an address, where its ids collide with no others."""
+    """Return a figure as the data URI of an SVG image; inline images could have equal ids."""
     text = io.BytesIO()
     # A date would make two equal pages differ.
     figure.savefig(text, format="svg", metadata={"Date": None})

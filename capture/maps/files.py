@@ -51,7 +51,7 @@ def _roughness_note(maps: SurfaceMaps) -> str:
 
 
 def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dict[str, Any] | None:
-    """Return the uncertainty of the whole frame: of heights, and from errors of the calibration."""
+    """Return the uncertainty of normals and heights, and that from errors of the calibration."""
     uncertainty = maps.roughness_uncertainty
     if uncertainty is None:
         return None
@@ -72,9 +72,7 @@ def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dic
     }
 
 
-def _roughness_parameters(
-    maps: SurfaceMaps,
-) -> dict[str, dict[str, Any]]:
+def _roughness_parameters(maps: SurfaceMaps) -> dict[str, dict[str, Any]]:
     """Return name, value, unit and whether it is relative, for each symbol.
 
     A value is None without valid pixels. Sa and Sq are in um, or in relative px. Noise is
@@ -207,7 +205,7 @@ def write_maps(
     raw_residual: float | None = None,
     inputs: Collection[Path] = (),
 ) -> list[Path]:
-    """Write all maps and their `index.html`, in place of maps in `folder` but none of `inputs`.
+    """Write all maps and their `index.html`; they replace maps in `folder`, but none of `inputs`.
 
     `raw_residual` is the residual without the calibration.
     """

@@ -15,7 +15,6 @@ from .map_tiff import read_description, read_map
 # Values, arguments of the layer, and its kind, as napari asks for.
 _Layer = tuple[Array, dict[str, Any], str]
 _Reader = Callable[[str], list[_Layer]]
-_RECOGNISED_BY = "p.tif"  # in every folder of maps
 # Pages and maps with two values are label layers; the others are image layers.
 _MASK_PAGE = "mask"
 _SHOWN_MAP = "albedo"
@@ -27,7 +26,7 @@ def get_reader(path: str | list[str]) -> _Reader | None:
         return None
     try:
         if Path(path).is_dir():
-            read_description(Path(path) / _RECOGNISED_BY)
+            read_description(Path(path) / "p.tif")  # every folder of maps has it
             return read_map_layers
         ome_tiff.read_header(Path(path))
     except InputError:

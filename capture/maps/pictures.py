@@ -1,4 +1,4 @@
-"""Maps as pictures: 8-bit RGB arrays, PNG files, and addresses in an HTML page."""
+"""Maps as pictures: 8-bit RGB arrays, PNG and JPEG files, and data URIs of an HTML page."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class ColourScale:
 
 
 def _limit(values: Array) -> float:
-    """Return the 99.5th percentile without NaN; if it is 0 the maximum, and 1 if that is 0 too."""
+    """Return the 99.5th percentile; the maximum where it is 0, and 1 where that is 0 too."""
     values = values[~np.isnan(values)]
     if not values.size:
         return 1.0
@@ -170,13 +170,12 @@ def reduced(
 ) -> Array:
     """Reduce (H, W[, 3]) to a longer side of `longest_px`.
 
-    Labels need INTER_NEAREST. Other values are means without NaN; NaN where most values are.
+    Labels need INTER_NEAREST. Other values are means of those that are not NaN, or NaN where most
+    are NaN.
     """
-    rows, columns = values.shape[:2]
-    scale = longest_px / max(rows, columns)
-    if scale >= 1.0:
+    if max(values.shape[:2]) <= longest_px:
         return values
-    size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
+    size = fitted_size(values.shape, longest_px)
     is_number = ~np.isnan(values)
     if is_number.all():
         return cv2.resize(values, size, interpolation=interpolation)
@@ -187,14 +186,20 @@ def reduced(
     return np.where(share >= 0.5, summed / np.maximum(share, 0.5), np.float32(np.nan))
 
 
+def fitted_size(shape: tuple[int, ...], longest_px: int) -> tuple[int, int]:
+    """Width and height of an image of `shape` after its longer side became `longest_px`."""
+    rows, columns = shape[:2]
+    scale = longest_px / max(rows, columns)
+    return max(1, round(columns * scale)), max(1, round(rows * scale))
+
+
 def contact_sheet(pictures: dict[str, Picture]) -> Picture:
     """Return pictures of one size side by side, each below its name."""
     columns, tile_px, bar_px = 4, 320, 24
     tiles = []
-    rows_px, columns_px = next(iter(pictures.values())).shape[:2]
-    scale = tile_px / max(rows_px, columns_px)
-    size = (max(1, round(columns_px * scale)), max(1, round(rows_px * scale)))
-    interpolation = cv2.INTER_AREA if scale < 1 else cv2.INTER_NEAREST
+    shape = next(iter(pictures.values())).shape
+    size = fitted_size(shape, tile_px)
+    interpolation = cv2.INTER_AREA if max(shape) > tile_px else cv2.INTER_NEAREST
     for name, picture in pictures.items():
         tile = np.full((size[1] + bar_px, tile_px, 3), 255, dtype=np.uint8)
         tile[bar_px:, : size[0]] = cv2.resize(picture, size, interpolation=interpolation)
@@ -230,12 +235,11 @@ TILE_PX = 176  # longer side of a tile; six fit into a row of the page
 
 
 def data_uri(picture: Picture) -> str:
-    """Return a picture as a JPEG in the text of an address."""
+    """Return a picture as the data URI of a JPEG."""
     return "data:image/jpeg;base64," + base64.b64encode(jpeg_bytes(picture)).decode("ascii")
 
 
 def tile_uri(picture: Picture) -> str:
-    """Return a picture at the size of a tile, as the text of an address."""
-    scale = TILE_PX / max(picture.shape[:2])
-    size = [max(1, round(scale * side)) for side in picture.shape[1::-1]]
+    """Return a picture at the size of a tile, as a data URI."""
+    size = fitted_size(picture.shape, TILE_PX)
     return data_uri(cv2.resize(picture, size, interpolation=cv2.INTER_AREA).astype(np.uint8))

@@ -1,4 +1,4 @@
-"""The preview of light after light: image and histogram of a frame, page layout, loop."""
+"""The preview of light after light: its images, the layout and the server of its page, its loop."""
 
 import json
 import re
@@ -16,6 +16,7 @@ import cv2
 import numpy as np
 import numpy.typing as npt
 
+from capture.maps.pictures import reduced
 from classify.base.arrays import BoolArray, Floats
 from classify.base.errors import InputError, Ps4rigError
 from rig import Frame, HardwareError, Rig, RigConfig, open_rig
@@ -65,24 +66,18 @@ def _png(
     saturated: BoolArray,
     bit_depth: int,
 ) -> bytes:
-    grey = (pixels >> (bit_depth - 8)).astype(np.uint8)
-    rows, columns = grey.shape
-    scale = min(1.0, _MAX_SIDE_PX / max(rows, columns))
-    if scale < 1.0:
-        size = (max(1, round(columns * scale)), max(1, round(rows * scale)))
-        grey = cv2.resize(grey, size, interpolation=cv2.INTER_AREA).astype(np.uint8)
-        # A smaller pixel with any saturated share is red, so a single one stays visible.
-        shares = cv2.resize(saturated.astype(np.float32), size, interpolation=cv2.INTER_AREA)
-        saturated = shares > 0
+    grey = reduced((pixels >> (bit_depth - 8)).astype(np.uint8), longest_px=_MAX_SIDE_PX)
+    # A smaller pixel with any saturated share is red, so a single one stays visible.
+    saturated_shares = reduced(saturated.astype(np.float32), longest_px=_MAX_SIDE_PX)
     colour = cv2.cvtColor(grey, cv2.COLOR_GRAY2BGR)
-    colour[saturated] = _SATURATED_COLOUR
+    colour[saturated_shares > 0] = _SATURATED_COLOUR
     _, png = cv2.imencode(".png", colour, [cv2.IMWRITE_PNG_COMPRESSION, 1])
     return png.tobytes()
 
 
 # Images that are smaller than a seventh of the page show neither focus nor framing.
 _MIN_SHARE = 1.0 / 7.0
-# Least difference of the directions of two lights, as a share of the ring, for different places.
+# Least distance of two lights on the page, as a share of the largest offset; nearer ones overlap.
 _MIN_GAP = 1e-3
 
 
@@ -105,7 +100,7 @@ def places_of(directions: Floats) -> Places | None:
     gap = min(np.abs(one - other).max() for one, other in combinations(centres, 2))
     if gap < _MIN_GAP:
         return None
-    # In units of an image: centres lie within +-1/gap, and images reach half an image further.
+    # In units of an image, whose side is `gap`: images reach half of one beyond their centres.
     low, high = centres.min(axis=0), centres.max(axis=0)
     spans = (high - low) / gap + 1.0
     size = 1.0 / float(spans.max())
