@@ -17,7 +17,7 @@ from capture.base.chart import LETTERS_PT, chart_axes, svg_uri
 from capture.base.page import number_text, rendered
 from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import PART_NAMES, PartName, Setting
-from capture.maps.pictures import ColourScale
+from capture.maps.pictures import ColourScale, fitted_size
 from capture.maps.views import SHOWN_LIGHTS, MapView
 from classify import Lighting
 from classify.base.arrays import Floats
@@ -26,11 +26,11 @@ from classify.calibration.dark import Dark
 from classify.calibration_benefit import remaining_errors
 from classify.lights.flat_field import FlatField
 
-_MAP_PX = 256  # longer side of the maps of a flat field, which is smooth
+_MAP_PX = 256  # longer side of the maps of a flat field, which are smooth
 _NOT_KNOWN = "-"
 _Drawing = tuple[str, str, str]
 """Address, title and caption."""
-# Use of each part, and the command that measures it.
+# What each part is for, and the command that measures it.
 _USES: dict[PartName, tuple[str, str]] = {
     "dark": ("hot pixels, and the offset of sets without an ambient image", "dark"),
     "response": ("cameras whose pixel values are not linear in light", "response"),
@@ -40,8 +40,6 @@ _USES: dict[PartName, tuple[str, str]] = {
     "scale": ("lengths in mm, and the distortion of the lens", "scale"),
 }
 Benefit = tuple[tuple[str, float], ...]
-# Key in the figures of a flat field.
-_FLAT_FIELD_ERROR = "error_percent"
 
 
 @dataclass(frozen=True)
@@ -83,7 +81,7 @@ def benefit_of(file: CalibrationFile) -> Benefit:
     setting = records[0].setting
     configured = Lighting(np.array(setting.light_directions))
     flat_field = file.records.get("flat_field")
-    percent = 0.0 if flat_field is None else flat_field.figures.get(_FLAT_FIELD_ERROR, 0.0)
+    percent = 0.0 if flat_field is None else flat_field.figures.get("error_percent", 0.0)
     shape = (setting.height_px, setting.width_px)
     return remaining_errors(calibration, configured, shape, percent / 100.0)
 
@@ -184,11 +182,12 @@ def _facts(file: CalibrationFile) -> Iterator[tuple[str, str]]:
 
 def _flat_field_views(field: FlatField, setting: Setting) -> list[MapView]:
     """Return a map of each light's strength over the frame, on one scale."""
-    rows, columns = _small_frame(setting)
+    shape = (setting.height_px, setting.width_px)
+    columns, rows = fitted_size(shape, min(_MAP_PX, max(shape)))
     strengths = field.strengths(np.arange(rows), np.arange(columns), (rows, columns))
     percent = (100.0 * (strengths / strengths.mean() - 1.0)).astype(np.float32)
     scale = ColourScale.signed(percent)
-    tilts_deg = _tilts_deg(setting)
+    tilts_deg = Lighting(np.array(setting.light_directions)).tilts_deg
     return [
         MapView(
             None,
@@ -203,16 +202,6 @@ def _flat_field_views(field: FlatField, setting: Setting) -> list[MapView]:
     ]
 
 
-def _small_frame(setting: Setting) -> tuple[int, int]:
-    scale = min(1.0, _MAP_PX / max(setting.width_px, setting.height_px))
-    return max(1, round(scale * setting.height_px)), max(1, round(scale * setting.width_px))
-
-
-def _tilts_deg(setting: Setting) -> Floats:
-    directions = np.array(setting.light_directions)
-    return np.asarray(np.degrees(np.arctan2(directions[:, 1], directions[:, 0])) % 360.0)
-
-
 def _light_drawings(file: CalibrationFile) -> Iterator[_Drawing]:
     lights, scale = file.calibration.lights, file.calibration.scale
     if lights is None:
@@ -221,9 +210,11 @@ def _light_drawings(file: CalibrationFile) -> Iterator[_Drawing]:
     caption = "Ellipses hold a position with 86%: two standard errors."
     if lights.lighting.positions_px is None:
         caption = "Distant lights: directions, on a dome of radius 1."
-    above, side = lights_from_above, _lights_from_the_side
-    yield svg_uri(above(lights, scale, frame)), "from above: x to the right, y up", caption
-    yield svg_uri(side(lights, scale, frame)), "from the side: x to the right, z up", caption
+    for title, up in (
+        ("from above: x to the right, y up", 1),
+        ("from the side: x to the right, z up", 2),
+    ):
+        yield svg_uri(drawn_lights(lights, scale, frame, up)), title, caption
 
 
 def _camera_drawings(file: CalibrationFile) -> Iterator[_Drawing]:
@@ -259,18 +250,11 @@ _MAX_DOTS = 2000
 _LED, _ERROR, _GREY = "#d6a400", "#b2182b", "#cccccc"
 
 
-def lights_from_above(lights: CalibratedLights, scale: Scale | None, frame: Floats) -> Figure:
-    """Draw the lights over the frame (width, height in px): x to the right, y up."""
-    return _lights(lights, scale, frame, up=1)
+def drawn_lights(lights: CalibratedLights, scale: Scale | None, frame: Floats, up: int) -> Figure:
+    """Draw the lights and the frame (width, height in px) with x to the right.
 
-
-def _lights_from_the_side(lights: CalibratedLights, scale: Scale | None, frame: Floats) -> Figure:
-    """Draw the lights above the plane of the part: x to the right, z up."""
-    return _lights(lights, scale, frame, up=2)
-
-
-def _lights(lights: CalibratedLights, scale: Scale | None, frame: Floats, up: int) -> Figure:
-    """Draw the lights with the coordinate `up` upwards: 1 for y, 2 for z."""
+    The coordinate `up` points upwards: 1 for y, seen from above; 2 for z, seen from the side.
+    """
     positions = lights.lighting.positions_px
     per_px, unit = (1.0, "px") if scale is None else (scale.mm_per_px, "mm")
     places = lights.lighting.directions if positions is None else per_px * positions

@@ -15,8 +15,8 @@ from capture.calibration.ps4cal import CalibrationFile
 from capture.commands.calibrate_page import (
     benefit_of,
     calibration_page,
+    drawn_lights,
     hot_pixel_map,
-    lights_from_above,
     part_summaries,
 )
 from classify import Lighting
@@ -88,7 +88,7 @@ def test_drawn_positions_are_the_measured_ones(whole: CalibrationFile) -> None:
     """Light 0 is on the right and light 1 above, by the same distance."""
     lights, scale = whole.calibration.lights, whole.calibration.scale
     assert lights is not None
-    (axes,) = lights_from_above(lights, scale, FRAME_PX).axes
+    (axes,) = drawn_lights(lights, scale, FRAME_PX, up=1).axes
     reach_mm = 320.0 * 0.02 * np.sqrt(0.5)
     expected = reach_mm * np.array([(1, 0), (0, 1), (-1, 0), (0, -1)])
     np.testing.assert_allclose(axes.collections[0].get_offsets(), expected, rtol=0.01, atol=0.02)
