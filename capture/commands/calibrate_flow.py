@@ -39,13 +39,6 @@ def from_files(help_text: str, metavar: str = "IMG|SET") -> Any:
     return typer.Option("--from", help=help_text, metavar=metavar)
 
 
-FromSets = Annotated[
-    list[Path] | None,
-    from_files(
-        "Sets of the target instead of a rig. Repeat the option for more placements.",
-        metavar="SET",
-    ),
-]
 PhotographGamma = Annotated[
     Literal["linear", "srgb"] | None,
     typer.Option(
@@ -79,15 +72,6 @@ def calibration_at(path: Path, inputs: Sequence[Path] = ()) -> CalibrationFile:
     return CalibrationFile.read(path) if path.exists() else CalibrationFile()
 
 
-def _sets_of(sources: Sequence[Path]) -> tuple[list[CapturedSet], tuple[str, ...]]:
-    """Return the sets of ``--from``, and their names for the record of a part."""
-    from capture.sets.archive import find_sets
-    from capture.sets.captured_set import CapturedSet
-
-    paths = find_sets(sources)
-    return [CapturedSet.load(path) for path in paths], tuple(path.name for path in paths)
-
-
 def source_files(sources: Sequence[Path]) -> tuple[list[Path], list[Path]]:
     """Return the photographs and the sets among the files of ``--from`` and in its folders."""
     from capture.base.names import SET_SUFFIX
@@ -117,7 +101,7 @@ def photographs_or_sets(sources: Sequence[Path]) -> tuple[list[Path], list[Path]
 def photographs_of(
     paths: Sequence[Path], gamma: Gamma | None, bits: int | None = None
 ) -> Photographs:
-    """Read whole photographs, and print what is doubtful about their response."""
+    """Read whole photographs, and print the warnings about them."""
     from capture.sets.photographs import read_photographs
 
     read = read_photographs(paths, gamma=gamma, bits=bits, crop=None)
@@ -126,34 +110,13 @@ def photographs_of(
     return read
 
 
-def target_sets(
-    rig: str | None,
-    sources: Sequence[Path] | None,
-    target: Target,
-    *,
-    rotations_deg: Sequence[float] = (0.0,),
-    average: int = 1,
-    yes: bool = False,
-) -> tuple[list[CapturedSet], tuple[str, ...]]:
-    """Return sets of a target and their source: those of ``--from``, or captured by a rig.
+def captured_targets(
+    rig: Rig, target: Target, rotations_deg: Sequence[float], average: int = 1, *, yes: bool
+) -> Iterator[CapturedSet]:
+    """Yield a set of a target for each of its placements.
 
     The simulated rig rotates the target to `rotations_deg`; a person is asked to move it.
     """
-    from rig import open_rig
-
-    if (rig is None) == (not sources):
-        raise InputError("give --rig RIG to capture the target, or --from SET with sets of it")
-    if sources:
-        return _sets_of(sources)
-    assert rig is not None
-    with open_rig(rig) as opened:
-        return list(captured_targets(opened, target, rotations_deg, average, yes)), ("captured",)
-
-
-def captured_targets(
-    rig: Rig, target: Target, rotations_deg: Sequence[float], average: int = 1, yes: bool = False
-) -> Iterator[CapturedSet]:
-    """Yield a set of a target for each of its placements."""
     from capture.acquisition.attempts import capture_set
 
     for number, rotate_deg in enumerate(rotations_deg):
@@ -170,7 +133,7 @@ def place_target(
     again: bool = False,
     yes: bool = False,
 ) -> None:
-    """Put a target below the camera; without a simulated rig a person does it, and is asked."""
+    """Put a target below the camera of a simulated rig; at a real one, ask a person to do it."""
     simulation = rig.simulation
     if simulation is not None and simulation.placement is not None:
         change = {"surface": target.surface, "rotate_deg": rotate_deg, "size_mm": target.size_mm}

@@ -26,15 +26,21 @@ _SHEET = flow.Target(
 )
 # Two placements 180 degrees apart cancel a tilt of the sheet and a gradient of its reflectance.
 _ROTATIONS_DEG = (0.0, 180.0)
-# Frames averaged in each image: at a quarter of the noise, LED positions can be fitted to small
-# frames too.
+# Frames averaged in each image. They leave a quarter of the noise, so that LED positions can be
+# fitted to small frames too.
 _FRAMES = 16
 
 
 def plate(
     calibration: flow.CalibrationPath,
     rig: flow.RigToCalibrate = None,
-    sources: flow.FromSets = None,
+    sources: Annotated[
+        list[Path] | None,
+        flow.from_files(
+            "Sets of the target instead of a rig. Repeat the option for more placements.",
+            metavar="SET",
+        ),
+    ] = None,
     mask: Annotated[
         Path | None,
         typer.Option(
@@ -50,16 +56,25 @@ def plate(
     The sheet is white and matt, fills the frame and lies flat. It is captured twice, the second
     time rotated by 180 degrees. Flat areas of a part serve as well, see --mask.
     """
+    from capture.procedures.plate_parts import near_lights_are_refuted, plate_parts
+    from capture.sets.archive import find_sets
+    from capture.sets.captured_set import CapturedSet
+    from capture.sets.photographs import read_mask
+    from rig import open_rig
+
     if mask is not None and rig is not None:
         raise InputError("--mask is for the sets of --from; let the sheet fill the frame of a rig")
     inputs = [*(sources or ()), *([] if mask is None else [mask])]
     file = flow.calibration_at(calibration, inputs)
-    sets, source = flow.target_sets(
-        rig, sources, _SHEET, rotations_deg=_ROTATIONS_DEG, average=_FRAMES, yes=yes
-    )
-    from capture.procedures.plate_parts import near_lights_are_refuted, plate_parts
-    from capture.sets.photographs import read_mask
-
+    if (rig is None) == (not sources):
+        raise InputError("give --rig RIG to capture the target, or --from SET with sets of it")
+    if rig is not None:
+        with open_rig(rig) as opened:
+            sets = list(flow.captured_targets(opened, _SHEET, _ROTATIONS_DEG, _FRAMES, yes=yes))
+        source = ["captured"]
+    else:
+        paths = find_sets(sources or ())
+        sets, source = [CapturedSet.load(path) for path in paths], [path.name for path in paths]
     rows, columns = sets[0].images.shape[1:]
     area = None if mask is None else read_mask(mask, (rows, columns), None)
     parts = plate_parts(sets, file.calibration, area, source)

@@ -15,6 +15,7 @@ from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from capture.calibration.setting import Setting
+    from capture.sets.captured_set import CapturedSet
     from classify.base.arrays import Array
 
 # A simulated board cannot tilt; it is rotated by this angle from one placement to the next.
@@ -84,7 +85,6 @@ def _pictures_at_rig(
     rig: str, square_mm: float, placements: int, yes: bool
 ) -> tuple[list[Array], Setting, list[str]]:
     from capture.calibration.setting import Setting
-    from capture.procedures.target_parts import mean_light_image
     from rig import open_rig
 
     target = flow.Target(
@@ -96,13 +96,12 @@ def _pictures_at_rig(
     with open_rig(rig) as opened:
         rotations_deg = [_ROTATION_STEP_DEG * k for k in range(placements)]
         sets = flow.captured_targets(opened, target, rotations_deg, yes=yes)
-        pictures = [mean_light_image(captured) for captured in sets]
+        pictures = [_mean_light_image(captured) for captured in sets]
         return pictures, Setting.of_rig(opened), ["captured"]
 
 
 def _pictures_in_files(sources: Sequence[Path]) -> tuple[list[Array], Setting, list[str]]:
     from capture.calibration.setting import Setting
-    from capture.procedures.target_parts import mean_light_image
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import read_photographs
 
@@ -118,5 +117,11 @@ def _pictures_in_files(sources: Sequence[Path]) -> tuple[list[Array], Setting, l
     sizes = {captured.images.shape[1:] for captured in captured_sets}
     if len(sizes) > 1:
         raise InputError("the sets of --from differ in size; give sets of one camera")
-    pictures = [mean_light_image(captured) for captured in captured_sets]
+    pictures = [_mean_light_image(captured) for captured in captured_sets]
     return pictures, captured_sets[0].setting, source
+
+
+def _mean_light_image(captured: CapturedSet) -> Array:
+    """Mean of the light images of a set, which has the least noise and shadow."""
+    mean: Array = captured.images.mean(axis=0, dtype="float32")
+    return mean

@@ -12,7 +12,6 @@ from capture.calibration.setting import PartName, Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs, read_mask
 from classify import Calibration
-from classify.base.arrays import FloatMap
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.calibration import Scale
 from classify.calibration.checkerboard import MEASURABLE_TILT_DEG, find_corners, scale_of_boards
@@ -194,11 +193,6 @@ def _scale_part(
 _GOOD, _FAIR = 0.002, 0.01
 # Share of the way to the frame's corners that the board should reach to show distortion.
 _MIN_COVERED_SHARE = 0.6
-
-
-def mean_light_image(captured: CapturedSet) -> FloatMap:
-    """Return the mean of the light images of a set, (H, W): it has the least noise and shadow."""
-    return np.asarray(captured.images.mean(axis=0, dtype=np.float32), np.float32)
 
 
 def scale_part(

@@ -16,7 +16,6 @@ from capture.commands.calibrate_flow import (
     calibration_at,
     keep_parts,
     place_target,
-    target_sets,
 )
 from classify import InputError
 from classify.calibration.calibration import Scale
@@ -25,12 +24,6 @@ from rig import Rig
 
 SHEET = Target("a white matt sheet", "plate", next_placement="rotate the sheet by 180 degrees")
 SCALE = Scale(0.05, 0.001, np.eye(3), None, 0.1)
-
-
-def test_a_rig_or_sets_are_needed_and_not_both(tmp_path: Path) -> None:
-    for rig, given in ((None, None), ("sim", [tmp_path])):
-        with pytest.raises(InputError, match=r"--rig RIG .*--from SET"):
-            target_sets(rig, given, SHEET)
 
 
 def test_a_person_is_asked_to_place_the_target(

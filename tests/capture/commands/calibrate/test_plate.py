@@ -42,6 +42,13 @@ def captured(ps4rig: Run, folder: Path, surface: str, *rotations_deg: float) -> 
     return [output] if len(rotations_deg) == 1 else sorted(folder.glob(f"{surface}-*.ome.tif"))
 
 
+def test_a_rig_or_sets_are_needed_and_not_both(ps4rig: Run, tmp_path: Path) -> None:
+    for given in ((), ("--rig", "sim", "--from", tmp_path)):
+        done = ps4rig("calibrate", "plate", tmp_path / "rig.ps4cal", *given)
+        assert done.exit_code == 2
+        assert "--rig RIG to capture the target, or --from SET" in done.stderr
+
+
 def test_a_rig_gets_its_flat_field_and_positions(ps4rig: Run, tmp_path: Path) -> None:
     toml, path = rig_toml(tmp_path), tmp_path / "rig.ps4cal"
     field, lights = answer(ps4rig, "--rig", toml, path)
