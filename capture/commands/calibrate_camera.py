@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,7 +9,7 @@ import typer
 
 from capture.commands import calibrate_flow as flow
 from capture.commands import options
-from classify.base.errors import CalibrationRejected, InputError
+from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from capture.calibration.ps4cal import MeasuredPart
@@ -173,12 +172,9 @@ def response(
 def _response_of_files(
     sources: list[Path], exposures_ms: str | None, gamma: Gamma | None, calibration: Calibration
 ) -> list[MeasuredPart]:
-    from capture.calibration.setting import Setting
     from capture.procedures.camera_parts import (
-        Rung,
-        marked_exposure_ms,
+        response_of_photographs,
         response_parts,
-        rungs_of_photographs,
         rungs_of_sets,
     )
     from capture.sets.captured_set import CapturedSet
@@ -188,19 +184,9 @@ def _response_of_files(
     if photographs:
         times_ms = _exposures_ms(photographs, exposures_ms)
         read = flow.photographs_of(photographs, gamma)
-        rungs = rungs_of_photographs(read, times_ms, calibration)
-        shape = read.planes[0].shape
-        setting = Setting.of_photographs(shape, read.bit_depth, read.gamma)
-        try:
-            return response_parts(rungs, calibration, setting, names)
-        except CalibrationRejected:
-            if exposures_ms is not None:
-                raise
-            # The exposure that a camera marks as 1/60 s is 1/64 s (Debevec and Malik 1997).
-            with suppress(CalibrationRejected):
-                rungs = [Rung(marked_exposure_ms(rung.exposure_ms), rung.levels) for rung in rungs]
-                return response_parts(rungs, calibration, setting, names)
-            raise
+        return response_of_photographs(
+            read, times_ms, calibration, names, are_marked=exposures_ms is None
+        )
     if exposures_ms is not None or gamma is not None:
         raise InputError("--exposures-ms and --gamma are for photographs; sets state both")
     captured = [CapturedSet.load(path) for path in sets]

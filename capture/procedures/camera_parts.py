@@ -1,6 +1,7 @@
 """The parts of a calibration that describe the camera, with records of their quality."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,13 +76,12 @@ def dark_part(
 
 
 def response_parts(
-    rungs: Iterable[Rung],
+    rungs: Sequence[Rung],
     calibration: Calibration,
     setting: Setting,
     source: Sequence[str],
 ) -> list[MeasuredPart]:
     """Fit the response, and for a linear camera the noise, to a ladder of exposures."""
-    rungs = list(rungs)
     if not rungs:
         raise InputError("no exposures are given; give at least one set")
     full_scale = (1 << setting.bit_depth) - 1
@@ -121,22 +121,41 @@ def levels_of(
     return replace(levels, means=levels.means / stretch, variances=levels.variances / stretch**2)
 
 
-def rungs_of_photographs(
-    photographs: Photographs, exposures_ms: Sequence[float], calibration: Calibration
-) -> list[Rung]:
-    """Return the levels of photographs of one still scene, by exposure."""
-    by_exposure: dict[float, list[npt.NDArray[np.uint16]]] = {}
-    for plane, exposure_ms in zip(photographs.planes, exposures_ms, strict=True):
-        by_exposure.setdefault(exposure_ms, []).append(plane)
+def response_of_photographs(
+    photographs: Photographs,
+    exposures_ms: Sequence[float],
+    calibration: Calibration,
+    source: Sequence[str],
+    *,
+    are_marked: bool,
+) -> list[MeasuredPart]:
+    """Fit the response to photographs of one still scene.
+
+    If the exposures `are_marked` ones, those of EXIF data, the nominal exposures are tried too: a
+    camera marks 1/64 s as 1/60 s (Debevec and Malik 1997).
+    """
     full_scale, bit_depth = photographs.full_scale, photographs.bit_depth
-    return [
+    planes_at: dict[float, list[npt.NDArray[np.uint16]]] = {}
+    for plane, exposure_ms in zip(photographs.planes, exposures_ms, strict=True):
+        planes_at.setdefault(exposure_ms, []).append(plane)
+    rungs = [
         Rung(exposure_ms, levels_of(np.stack(planes), full_scale, bit_depth, calibration))
-        for exposure_ms, planes in by_exposure.items()
+        for exposure_ms, planes in planes_at.items()
     ]
+    shape = photographs.planes[0].shape
+    setting = Setting.of_photographs(shape, bit_depth, photographs.gamma)
+    try:
+        return response_parts(rungs, calibration, setting, source)
+    except CalibrationRejected:
+        if are_marked:
+            with suppress(CalibrationRejected):
+                nominal = [Rung(_nominal_exposure_ms(r.exposure_ms), r.levels) for r in rungs]
+                return response_parts(nominal, calibration, setting, source)
+        raise
 
 
-def marked_exposure_ms(exposure_ms: float) -> float:
-    """Return the nearest nominal exposure, a whole number of thirds of a stop from one second."""
+def _nominal_exposure_ms(exposure_ms: float) -> float:
+    """The nearest exposure that is a whole number of thirds of a stop from one second."""
     return float(1e3 * 2.0 ** (round(3.0 * np.log2(exposure_ms / 1e3)) / 3.0))
 
 
@@ -178,12 +197,12 @@ def _response(
 ) -> MeasuredPart:
     response, percent = ladder.response, 0.01 * full_scale
     if not response.linear and ladder.highest < _BRIGHT_SHARE * full_scale:
-        unseen = (
+        extrapolation = (
             f"no level above {ladder.highest / percent:.0f} % of full scale was seen, where the "
             "curve is extrapolated: keep images below, or measure it with longer exposures or a "
             "wider aperture"
         )
-        warnings = [*warnings, unseen]
+        warnings = [*warnings, extrapolation]
     if response.linear:
         quality = (
             f"The camera is linear: within {stated_error(ladder.departure, 2)} of full scale "
