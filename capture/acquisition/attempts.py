@@ -141,15 +141,15 @@ def _attempt(
     exposed: Callable[[CapturedSet], None],
     least_level: float | None,
 ) -> CapturedSet:
-    """Capture and check a set once; `failures` are the errors of the attempts before."""
+    """Capture and check a set once; `failures` are the errors of the earlier attempts."""
     created, info, config = datetime.now(UTC), rig.camera.info, rig.config
     history = FrameHistory(info.frame_period_s)
     pixel_hash = PixelHash()
     add_page = partial(_add_page, pixel_hash, len(rig.lighting))
-    captured = _capture(rig, average, history, add_page, part)
+    set_images = _capture(rig, average, history, add_page, part)
     camera = _camera_record(info)
-    images = _images_of(rig, captured, average, camera)
-    ambient = next(image for image in captured if image.record.light is None)
+    images = _images_to_check(rig, set_images, average, camera)
+    ambient = next(image for image in set_images if image.record.light is None)
     at_exposure = (
         Calibration() if calibration is None else calibration.calibration.at(camera.exposure_ms)
     )
@@ -161,7 +161,7 @@ def _attempt(
         bit_depth=info.bit_depth,
         full_scale=int(images.full_scale),
         lighting=LightingRecord.of(rig.lighting),
-        images=tuple(image.record for image in (*_light_images(captured), ambient)),
+        images=tuple(image.record for image in (*_light_images(set_images), ambient)),
         orientation_deg=None if placement is None else placement.rotate_deg,
         placement=placement,
         rig_name=config.name,
@@ -196,15 +196,14 @@ def _attempt(
     )
 
 
-def _images_of(
-    rig: Rig, captured: list[SetImage], average: int, camera: CameraRecord
+def _images_to_check(
+    rig: Rig, set_images: list[SetImage], average: int, camera: CameraRecord
 ) -> CheckedImages:
-    """The images of a set for its checks."""
-    ambient, *later_ambient = (image for image in captured if image.record.light is None)
+    ambient, *later_ambient = (image for image in set_images if image.record.light is None)
     bit_depth = rig.camera.info.bit_depth
     full_scale = (1 << bit_depth) - 1 if average == 1 else 65535
     return CheckedImages(
-        _stack(_light_images(captured)),
+        _stack(_light_images(set_images)),
         ambient.pixels,
         later_ambient[0].pixels if later_ambient else None,
         rig.lighting,

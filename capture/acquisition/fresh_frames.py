@@ -58,8 +58,8 @@ def _sample(frame: Frame) -> bytes:
     return sample.tobytes() if int(sample.max()) - int(sample.min()) > 1 else b""
 
 
-# Number of frames over which one time stamp predicts another: the buffers of a V4L2 camera. Over
-# more, the accumulated error of the period exceeds the pause between two exposures.
+# Largest number of frames from one time stamp to another that it predicts: the buffers of a V4L2
+# camera. Over more, the accumulated error of the period exceeds the pause between two exposures.
 _MAX_FRAMES = 4
 # Relative error of the frame period that a camera reports: `RATE_TOLERANCE` of
 # rig/cameras/v4l2/device.py.
@@ -78,6 +78,7 @@ class ExposureTimeline:
         self._shortest_s = period_s * (1.0 - _PERIOD_ERROR)
         self._last_start_s: float | None = None
         self._received = 0
+        # Number of the frame among the received ones, acknowledgement and name of its light.
         self._accepted: deque[tuple[int, float, str]] = deque(maxlen=_MAX_FRAMES)
 
     @property
