@@ -28,14 +28,14 @@ class SetFailed:
 
 @dataclass(frozen=True)
 class SetAdopted:
-    """A file that an earlier run wrote but did not enter into the journal was entered."""
+    """The file of an earlier run, which was killed before its entry, is in the journal now."""
 
     entry: SetEntry
 
 
 @dataclass(frozen=True)
 class SetDamaged:
-    """The file of a captured set was damaged, and was set aside: the set is missing again."""
+    """The damaged file of a captured set was set aside: the set is missing again."""
 
     planned: PlannedSet
     reason: str

@@ -181,7 +181,7 @@ class SessionFolder:
 
     def unplanned(self, plan: SessionPlan | None = None) -> list[SetEntry]:
         """Entries of captured sets that are not planned; `plan` as for `missing`."""
-        planned = {(e.specimen, e.orientation_deg, e.repeat) for e in (plan or self.plan).sets()}
+        planned = {planned_set.key for planned_set in (plan or self.plan).sets()}
         return [entry for entry in self.captured() if entry.key not in planned]
 
     def log(self, line: str) -> None:

@@ -157,7 +157,7 @@ class Journal(Record):
 
     def entry_of(self, planned: PlannedSet) -> SetEntry | None:
         """Return the entry of a planned set; None where it is still missing."""
-        return self._by_key.get((planned.specimen, planned.orientation_deg, planned.repeat))
+        return self._by_key.get(planned.key)
 
     def entry_with(self, pixels_sha256: str) -> SetEntry | None:
         """Return the entry of the set with these pixels; None if there is none."""

@@ -47,10 +47,10 @@ class SpecimenReference:
             pass  # too small or too empty for a texture: no orientation, and no focus
 
     def compared(
-        self, captured: CapturedSet, surface: SurfaceEstimate, alone: SetMeasures
+        self, captured: CapturedSet, surface: SurfaceEstimate, measures: SetMeasures
     ) -> SetMeasures:
-        """Add the differences of a set of the same specimen to the measures that need no other."""
-        warnings, signal = [*alone.warnings], sum(alone.led_levels)
+        """Add the differences of a set from this reference to its measures."""
+        warnings, signal = [*measures.warnings], sum(measures.led_levels)
         if abs(signal / self._signal - 1.0) > _MAX_SIGNAL_CHANGE:
             warnings.append(
                 f"light changed by {signal / self._signal - 1.0:+.0%} since the first set of the "
@@ -71,7 +71,7 @@ class SpecimenReference:
         if blur_px is not None and blur_px > _MAX_BLUR_PX:
             warnings.append(f"{blur_px:.1f} px blurrier than the first set of the specimen")
         estimates = {"estimated_deg": estimated_deg, "blur_px": blur_px}
-        return alone.model_copy(update={**estimates, "warnings": tuple(warnings)})
+        return measures.model_copy(update={**estimates, "warnings": tuple(warnings)})
 
     def orientation_deg(
         self, surface: SurfaceEstimate, entered_deg: float | None = None

@@ -69,7 +69,7 @@ class Specimen(Section):
         return self
 
 
-@dataclass(frozen=True, order=True)
+@dataclass(frozen=True)
 class PlannedSet:
     """One set of a plan: a specimen at an orientation, for the nth time (from 1)."""
 
@@ -77,6 +77,11 @@ class PlannedSet:
     orientation_deg: float
     repeat: int
     file_name: str
+
+    @property
+    def key(self) -> tuple[str, float, int]:
+        """Specimen, orientation and repeat, as of its entry in the journal."""
+        return self.specimen, self.orientation_deg, self.repeat
 
     def __str__(self) -> str:
         repeat = f", repeat {self.repeat}" if self.repeat > 1 else ""
