@@ -55,16 +55,6 @@ class Exhibit:
         return _Text(section, title, filled)
 
 
-def read_texts(path: Path) -> dict[str, _Text]:
-    """Read the texts of exhibits, by their keys, from a ``notes.toml``."""
-    sections = tomllib.loads(path.read_text(encoding="utf-8"))
-    return {
-        key: _Text(section, **text)
-        for section, texts in sections.items()
-        for key, text in texts.items()
-    }
-
-
 _DPI = 130  # text of 7 points stays readable on the page
 # Longer lists of numbers are in the CSV files only.
 _SHOWN_ROWS = 60
@@ -89,7 +79,13 @@ class PageInfo:
     @property
     def texts(self) -> dict[str, _Text]:
         """Texts of the exhibits by their keys, from ``notes.toml`` beside the introduction."""
-        return read_texts(self.introduction.with_name("notes.toml"))
+        path = self.introduction.with_name("notes.toml")
+        sections = tomllib.loads(path.read_text(encoding="utf-8"))
+        return {
+            key: _Text(section, **text)
+            for section, texts in sections.items()
+            for key, text in texts.items()
+        }
 
 
 def _write_exhibit(exhibit: Exhibit, folder: Path) -> bytes | None:

@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture.chapter.output import read_texts
+from capture.chapter.output import PageInfo
 from classify import Lighting
 from classify.base.errors import InputError
 from rig.scene.render import render_frame
@@ -158,7 +158,7 @@ def test_objects_are_recognised_and_refused_where_they_are_not_taught(
         None,
     )
     assert table.rows[-1] == ("all", 21, 100.0, 0.0, 0.0, 42, 0.0, 0.0, None, None)
-    texts = read_texts(Path(run.__file__).with_name("notes.toml"))
+    texts = PageInfo("photographs", Path(run.__file__), simulated=False).texts
     assert "patch of 256 x 256 px" in table.text_from(texts).notes[0]
     assert recognitions([textures[0], photographs]) == []
 
