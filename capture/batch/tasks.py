@@ -189,16 +189,13 @@ def solve_set(
     raw: bool = False,
     on_progress: Callable[[float], None] | None = None,
 ) -> SolvedSet:
-    """Solve a set and write its maps; see `LoadedSet.of` and `CapturedSet.solve`."""
+    """Solve a set and write its maps; see `LoadedSet.of` and `LoadedSet.solve`."""
     loaded = LoadedSet.of(task.path, calibration, raw=raw)
-    captured, applied, source = loaded.captured, loaded.calibration, loaded.found_calibration
+    captured, found_calibration = loaded.captured, loaded.found_calibration
     with naming_file(task.path):
-        surface = captured.solve(
-            method, planar=planar, calibration=applied, raw=raw, uncertainty=True,
-            on_progress=on_progress,
-        )  # fmt: skip
+        surface = loaded.solve(method, planar=planar, uncertainty=True, on_progress=on_progress)
         raw_residual = None
-        if applied is not None:
+        if found_calibration is not None:
             raw_residual = captured.solve(method, planar=planar, raw=True).residual_share
     saturated = float(surface.saturated.mean())
     shadowed = float(surface.shadow_mask.mean())
@@ -219,9 +216,9 @@ def solve_set(
         task.folder,
         light=light,
         mm_per_px=loaded.mm_per_px,
-        calibration=source,
+        calibration=found_calibration,
         raw_residual=raw_residual,
-        inputs=[task.path, *([] if source is None else [source.path])],
+        inputs=[task.path, *([] if found_calibration is None else [found_calibration.path])],
     )
     return SolvedSet(
         files=tuple(path.name for path in written),
@@ -234,7 +231,7 @@ def solve_set(
         simulated=captured.metadata.simulated,
         lights=len(captured.images),
         mm_per_px=loaded.mm_per_px,
-        calibration=None if source is None else str(source.path),
+        calibration=None if found_calibration is None else str(found_calibration.path),
         residual=surface.residual_share,
         raw_residual=raw_residual,
         warnings=loaded.warnings,
@@ -242,13 +239,16 @@ def solve_set(
 
 
 def _texture_shape(
-    path: Path, metadata: SetMetadata, shape: tuple[int, int], source: FoundCalibration | None
+    path: Path,
+    metadata: SetMetadata,
+    shape: tuple[int, int],
+    found_calibration: FoundCalibration | None,
 ) -> tuple[int, int]:
-    """Rows and columns in which the texture of a set is observed."""
+    """Rows and columns of the square in which the texture of a set is observed."""
     mask = None if metadata.mask_file is None else CapturedSet.load(path).mask
     if mask is None:
         return shape
-    calibration = Calibration() if source is None else source.file.calibration
+    calibration = Calibration() if found_calibration is None else found_calibration.file.calibration
     rows, columns = inscribed_square(calibration.corrected_mask(mask))
     return rows.stop - rows.start, columns.stop - columns.start
 

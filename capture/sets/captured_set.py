@@ -296,9 +296,9 @@ class LoadedSet:
         """Scale of the calibration in use, else the one given at import; None if it is unknown."""
         if self.calibration is not None and self.calibration.mm_per_px is not None:
             return self.calibration.mm_per_px
-        metadata, found = self.captured.metadata, self.found_calibration
+        metadata, in_use = self.captured.metadata, self.found_calibration
         # A set that names a calibration may have its scale from it.
-        is_named = found is not None and found.file.hash in metadata.calibration_ids
+        is_named = in_use is not None and in_use.file.hash in metadata.calibration_ids
         return metadata.mm_per_px if is_named or not metadata.calibration_ids else None
 
     @property
@@ -317,13 +317,18 @@ class LoadedSet:
         return self.solve(method, planar=planar and not has_flat_field, uncertainty=uncertainty)
 
     def solve(
-        self, method: Method | None = None, *, planar: bool = False, uncertainty: bool = False
+        self,
+        method: Method | None = None,
+        *,
+        planar: bool = False,
+        uncertainty: bool = False,
+        on_progress: Callable[[float], None] | None = None,
     ) -> SurfaceEstimate:
-        """Solve with the calibration, or without one if there is none."""
+        """Solve with this calibration, or raw without one; see `CapturedSet.solve`."""
         calibration = self.calibration
         return self.captured.solve(
             method, planar=planar, calibration=calibration, raw=calibration is None,
-            uncertainty=uncertainty,
+            uncertainty=uncertainty, on_progress=on_progress,
         )  # fmt: skip
 
 
