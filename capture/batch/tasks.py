@@ -104,7 +104,7 @@ class ClassifiedSet:
     label: str | None
     orientation_deg: float | None
     simulated: bool
-    trained: bool  # whether the library was trained from a set of the same pixels
+    is_training_set: bool  # whether the library was trained from a set of the same pixels
     warnings: tuple[str, ...]
 
 

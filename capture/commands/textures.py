@@ -79,13 +79,24 @@ def train(
         )
     trained.save(library)
     if json:
-        solved = {"method": trained.method, "planar": trained.planar}
-        content = {"classes": classes, "uniformity": trained.uniformity, **solved}
-        print_json({"library": str(library), **content, "simulated": trained.simulated})
+        print_json(
+            {
+                "library": str(library),
+                "classes": classes,
+                "uniformity": trained.uniformity,
+                "method": trained.method,
+                "planar": trained.planar,
+                "simulated": trained.simulated,
+            }
+        )
     else:
-        solver = f"{trained.method} as planar parts{' (simulated)' if trained.simulated else ''}"
-        counts = f"classes {len(classes)}, sets {len(paths)}, solved by {solver}"
-        out.print(f"{library}: {counts}", *uniformity_remarks(trained.uniformity), sep="\n")
+        simulated = " (simulated)" if trained.simulated else ""
+        out.print(
+            f"{library}: classes {len(classes)}, sets {len(paths)}, solved by {trained.method} as "
+            f"planar parts{simulated}"
+        )
+        for remark in uniformity_remarks(trained.uniformity):
+            out.print(remark)
 
 
 def classify(
@@ -108,7 +119,7 @@ def classify(
     if csv is not None:
         check_output(csv, suffix=".csv", inputs=[*paths, library], force=force)
     with Batch(workers, scheduler, sets=len(paths)) as batch:
-        answers, trained = _classified(paths, library, batch, method, calibration=calibration)
+        answers, trained = _classified(paths, library, batch, method, calibration)
     if csv is not None:
         _write_csv(csv, answers, trained)
     if json:
@@ -117,13 +128,15 @@ def classify(
     columns = ("set", "texture", "orientation", "distance", "limit", "reason")
     table = new_table(*columns, prose="reason")
     for path, answer in answers.items():
-        match = answer.match
-        name = f"{path}\n(simulated)" if answer.simulated else str(path)
-        limit = "-" if match.limit is None else f"{match.limit:.4f}"
-        angle_deg = match.orientation_deg
-        orientation = "-" if angle_deg is None else f"{orientation_text(angle_deg, 1)} deg"
-        texture = (match.label or "unknown", orientation)
-        table.add_row(name, *texture, f"{match.distance:.4f}", limit, match.reason)
+        match, angle_deg = answer.match, answer.match.orientation_deg
+        table.add_row(
+            f"{path}\n(simulated)" if answer.simulated else str(path),
+            match.label or "unknown",
+            "-" if angle_deg is None else f"{orientation_text(angle_deg, 1)} deg",
+            f"{match.distance:.4f}",
+            "-" if match.limit is None else f"{match.limit:.4f}",
+            match.reason,
+        )
     print_table(table)
 
 
@@ -165,20 +178,25 @@ def evaluate_(
         _library_for(library, classifier, method, calibration, batch, folder) as used_library,
     ):
         answers, trained = _classified(
-            paths, used_library, batch, method, label_required=True, calibration=calibration
+            paths, used_library, batch, method, calibration, label_required=True
         )
-    training = [path for path, answer in answers.items() if answer.trained]
+    training_paths = [path for path, answer in answers.items() if answer.is_training_set]
     warning = f"a training set of {library}; its result says nothing about new sets"
-    warn_of_sets((path, (warning,)) for path in training)
+    warn_of_sets((path, (warning,)) for path in training_paths)
     _warn_not_oriented(answers.values(), library, trained)
     if csv is not None:
         _write_csv(csv, answers, trained)
     trials = [_trial(answer, trained) for answer in answers.values()]
     result = evaluate(trials, trained.classes)
     if json:
-        used = sorted({answer.method for answer in answers.values()})
-        solvers = {"methods": used, "library_method": trained.method}
-        print_json(_as_json(result, trained) | {"training_sets": [*map(str, training)]} | solvers)
+        print_json(
+            {
+                **_as_json(result, trained),
+                "training_sets": [*map(str, training_paths)],
+                "methods": sorted({answer.method for answer in answers.values()}),
+                "library_method": trained.method,
+            }
+        )
         return
     if result.accuracy is not None:
         _print_taught(result)
@@ -190,17 +208,23 @@ def _print_taught(result: Evaluation) -> None:
     columns = ("class", "sets", "right", "accuracy", "median error", "95 % error", "wrong answers")
     table = new_table(*columns, prose="wrong answers")
     for label, row in result.per_class.items():
-        errors = row.orientation_error_deg
-        shares = (str(row.sets), str(row.correct), f"{row.accuracy:.1%}")
-        degrees = (_degrees(errors.median, 2), _degrees(errors.p95, 2))
-        table.add_row(label, *shares, *degrees, _wrong_answers(result.confusion[label], label))
+        table.add_row(
+            label,
+            str(row.sets),
+            str(row.correct),
+            f"{row.accuracy:.1%}",
+            _degrees(row.orientation_error_deg.median),
+            _degrees(row.orientation_error_deg.p95),
+            _wrong_answers(result.confusion[label], label),
+        )
     print_table(table)
     errors = result.orientation_error_deg
+    blur = "" if result.blur_px is None else f"; blur {result.blur_px:+.1f} px in the median"
     out.print(
         f"{result.correct} of {result.sets} right ({result.accuracy:.2%}), "
-        f"{result.unknown} unknown; orientation error {_degrees(errors.median, 2)} in the median, "
-        f"{_degrees(errors.p95, 2)} at 95 %; heading found for {result.headings}, "
-        f"{result.reversed} of them reversed{_blur(result.blur_px)}",
+        f"{result.unknown} unknown; orientation error {_degrees(errors.median)} in the median, "
+        f"{_degrees(errors.p95)} at 95 %; heading found for {result.headings}, "
+        f"{result.reversed} of them reversed{blur}",
     )
 
 
@@ -208,8 +232,12 @@ def _print_untaught(result: Evaluation) -> None:
     columns = ("class not taught", "sets", "unknown", "wrongly accepted as")
     table = new_table(*columns, prose="wrongly accepted as")
     for label, answers in sorted(result.untaught.items()):
-        counts = (str(sum(answers.values())), str(answers.get(None, 0)))
-        table.add_row(label, *counts, _wrong_answers(answers, None))
+        table.add_row(
+            label,
+            str(sum(answers.values())),
+            str(answers.get(None, 0)),
+            _wrong_answers(answers, None),
+        )
     print_table(table)
     rejected, accepted = result.untaught_rejected, result.untaught_accepted
     out.print(
@@ -223,8 +251,9 @@ def _classified(
     library: Path,
     batch: Batch,
     method: Method | None,
+    calibration: Path | None,
+    *,
     label_required: bool = False,
-    calibration: Path | None = None,
 ) -> tuple[dict[Path, ClassifiedSet], TextureLibrary]:
     from capture.batch.tasks import classify_set, warn_of_sets
     from classify import TextureLibrary
@@ -319,16 +348,23 @@ def _write_csv(path: Path, answers: dict[Path, ClassifiedSet], trained: TextureL
 
     rows = []
     for set_path, answer in answers.items():
-        found_deg, true_deg = answer.match.orientation_deg, answer.orientation_deg
+        estimated_deg, true_deg = answer.match.orientation_deg, answer.orientation_deg
         error_deg = None
-        if found_deg is not None and true_deg is not None:
-            found_deg = round(orientation_near(found_deg, true_deg), 6)
+        if estimated_deg is not None and true_deg is not None:
+            estimated_deg = round(orientation_near(estimated_deg, true_deg), 6)
             if _trial(answer, trained).orientation_error_deg is not None:
-                error_deg = round(found_deg - true_deg, 6)
-        truth = {"set": "", "true_label": answer.label, "true_orientation_deg": true_deg}
-        compared = {"orientation_deg": found_deg, "orientation_error_deg": error_deg}
-        record = truth | _record(set_path, answer, trained) | compared
-        rows.append(record | {"training_set": answer.trained})
+                error_deg = round(estimated_deg - true_deg, 6)
+        rows.append(
+            {
+                "set": str(set_path),
+                "true_label": answer.label,
+                "true_orientation_deg": true_deg,
+                **_record(set_path, answer, trained),
+                "orientation_deg": estimated_deg,
+                "orientation_error_deg": error_deg,
+                "training_set": answer.is_training_set,
+            }
+        )
     with durable_file(path) as temporary:
         lines = map(csv_line, (rows[0], *(row.values() for row in rows)))
         # A file name may contain bytes that are not UTF-8.
@@ -342,12 +378,8 @@ def _wrong_answers(answers: Mapping[str | None, int], right: str | None) -> str:
     return ", ".join(counts)
 
 
-def _degrees(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f} deg"
-
-
-def _blur(blur_px: float | None) -> str:
-    return "" if blur_px is None else f"; blur {blur_px:+.1f} px in the median"
+def _degrees(value: float | None) -> str:
+    return "-" if value is None else f"{value:.2f} deg"
 
 
 def _as_json(result: Evaluation, trained: TextureLibrary) -> dict[str, Any]:
