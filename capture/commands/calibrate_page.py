@@ -136,8 +136,12 @@ def _lights_json(file: CalibrationFile) -> dict[str, Any] | None:
     lights = file.calibration.lights
     if lights is None:
         return None
-    fit = {"source": lights.source, "residual": lights.residual}
-    return {**fit, "lobe_exponent": lights.lobe_exponent, "each": _light_rows(file)}
+    return {
+        "source": lights.source,
+        "residual": lights.residual,
+        "lobe_exponent": lights.lobe_exponent,
+        "each": _light_rows(file),
+    }
 
 
 def calibration_page(path: Path, file: CalibrationFile, benefit: Benefit, now: datetime) -> str:

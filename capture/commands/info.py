@@ -92,8 +92,8 @@ def _correct(paths: list[Path], values: dict[str, str]) -> None:
 
 def _as_json(path: Path, captured: CapturedSet) -> dict[str, Any]:
     rows, columns = captured.images.shape[1:]
-    size = {"width_px": columns, "height_px": rows}
-    return {"set": str(path), **size, **captured.metadata.model_dump(mode="json")}
+    metadata = captured.metadata.model_dump(mode="json")
+    return {"set": str(path), "width_px": columns, "height_px": rows, **metadata}
 
 
 def _lines(captured: CapturedSet) -> Iterator[tuple[str, str]]:

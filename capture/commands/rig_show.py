@@ -164,7 +164,6 @@ def preview(
     preview and switches the LEDs off.
     """
     import threading
-    from functools import partial
 
     from capture.session.live_view import PlacementGuide
     from capture.session.preview_loop import Preview, run_preview, serving

@@ -144,13 +144,19 @@ def report(
         if not isinstance(error.__cause__, BlockingIOError):
             raise  # a session in use keeps its table itself
     if json:
-        damaged = [{"set": file, "error": error} for file, error in analysis.damaged.items()]
-        remarks = [{"set": file, "remark": remark} for file, remark in analysis.remarks]
-        counts = {"report": str(path), "sets": len(analysis.entries)}
-        print_json({**counts, "damaged": damaged, "remarks": remarks})
+        print_json(
+            {
+                "report": str(path),
+                "sets": len(analysis.entries),
+                "damaged": [
+                    {"set": file, "error": error} for file, error in analysis.damaged.items()
+                ],
+                "remarks": [{"set": file, "remark": remark} for file, remark in analysis.remarks],
+            }
+        )
         return
-    for file, remark in analysis.damaged.items():
-        out.print(f"{file}: cannot be read: {remark}")
+    for file, damage in analysis.damaged.items():
+        out.print(f"{file}: cannot be read: {damage}")
     for file, remark in analysis.remarks:
         out.print(f"{file}: {remark}")
     out.print(f"{path}: {len(analysis.entries)} sets")

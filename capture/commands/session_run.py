@@ -211,23 +211,30 @@ def _show_plan(
     needed, capture_s = missing * config.set_bytes, _capture_s(missing, plan.average, config)
     free = shutil.disk_usage(path.absolute().parent).free
     if json:
-        counts = {"sets": len(plan), "missing": missing}
-        costs = {"bytes": needed, "capture_s": round(capture_s, 1), "free_bytes": free}
-        print_json({"plan": plan.model_dump(mode="json"), **counts, **costs})
-    else:
-        for specimen in plan.specimen:
-            surface = f", surface {specimen.surface}" if specimen.surface else ""
-            out.print(f"{specimen.id}: class {specimen.label or specimen.id}{surface}")
-        orientations = ", ".join(f"{angle_deg:g}" for angle_deg in plan.orientations_deg)
-        repeats = f", {plan.repeats} sets each" if plan.repeats > 1 else ""
-        out.print(f"each at {orientations} degrees{repeats}")
-        sets = f"{len(plan)} sets"
-        if missing < len(plan):
-            sets += f" planned, {missing} missing"
-        out.print(
-            f"{sets}, {capture_s:.0f} s of capture and the time to place the part, "
-            f"{needed / 1e6:.0f} MB of {free / 1e6:.0f} MB free",
+        print_json(
+            {
+                "plan": plan.model_dump(mode="json"),
+                "sets": len(plan),
+                "missing": missing,
+                "bytes": needed,
+                "capture_s": round(capture_s, 1),
+                "free_bytes": free,
+            }
         )
+        return
+    for specimen in plan.specimen:
+        surface = f", surface {specimen.surface}" if specimen.surface else ""
+        out.print(f"{specimen.id}: class {specimen.label or specimen.id}{surface}")
+    orientations = ", ".join(f"{angle_deg:g}" for angle_deg in plan.orientations_deg)
+    repeats = f", {plan.repeats} sets each" if plan.repeats > 1 else ""
+    out.print(f"each at {orientations} degrees{repeats}")
+    sets = f"{len(plan)} sets"
+    if missing < len(plan):
+        sets += f" planned, {missing} missing"
+    out.print(
+        f"{sets}, {capture_s:.0f} s of capture and the time to place the part, "
+        f"{needed / 1e6:.0f} MB of {free / 1e6:.0f} MB free",
+    )
 
 
 def _capture_s(sets: int, average: int, config: RigConfig) -> float:

@@ -310,12 +310,20 @@ def import_(
     for warning in metadata.warnings:
         complain(f"warning: {output}: {warning}")
     if json:
-        fields = {name: getattr(metadata, name) for name in ("gamma", "gamma_source", "warnings")}
-        counts = {"lights": len(images), "bits": metadata.bit_depth}
-        print_json({"set": str(output), **counts, **fields})
+        print_json(
+            {
+                "set": str(output),
+                "lights": len(images),
+                "bits": metadata.bit_depth,
+                "gamma": metadata.gamma,
+                "gamma_source": metadata.gamma_source,
+                "warnings": metadata.warnings,
+            }
+        )
     else:
-        response = f"response {metadata.gamma} ({metadata.gamma_source})"
-        out.print(f"{output}: {len(images)} lights, {response}")
+        out.print(
+            f"{output}: {len(images)} lights, response {metadata.gamma} ({metadata.gamma_source})"
+        )
 
 
 def _crop(text: str) -> Crop:

@@ -10,6 +10,7 @@ import typer
 
 from capture.base.console import out, print_json, progress
 from capture.commands import options
+from classify.base.errors import InputError
 
 if TYPE_CHECKING:
     from capture.station.domain.folder import StationFolder
@@ -125,7 +126,6 @@ def _recorded_presentations(
     from capture.station.judge.gauge import presentations_of, read_known_parts
     from capture.station.results.history import Selection
     from capture.station.results.store import open_store
-    from classify.base.errors import InputError
 
     truths = read_known_parts(known)
     # Not exclusive: a running station keeps the lock of the database.
@@ -154,7 +154,6 @@ def bench(
     The cycle, judge, files and database are those of a station; the sets are captured before it
     starts. All files are written to the folder for temporary files, TMPDIR.
     """
-    from pathlib import Path
     from tempfile import TemporaryDirectory
 
     from capture.station.run.bench import run_bench
