@@ -6,6 +6,7 @@ import functools
 import json
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, ParamSpec, Protocol, TypeVar
 
 import typer
@@ -35,17 +36,6 @@ def print_json(value: Any) -> None:
     print(json.dumps(value, indent=1, allow_nan=False))
 
 
-class ItemProgress:
-    """Moves a `progress` bar by the finished share of the current item."""
-
-    def __init__(self) -> None:
-        self.show: Callable[[float], None] | None = None
-
-    def __call__(self, share: float) -> None:
-        if self.show is not None:
-            self.show(share)
-
-
 class ShowProgress(Protocol):
     """Yields items and shows the number of finished ones, as `progress` does."""
 
@@ -53,25 +43,27 @@ class ShowProgress(Protocol):
         """Yield `items`."""
 
 
-def progress(
-    items: Iterable[_T], total: int, description: str, item_progress: ItemProgress | None = None
-) -> Iterator[_T]:
-    """Yield `items` and show a progress bar on a terminal; `item_progress` moves it within one."""
+@contextmanager
+def progress_bar(total: int, description: str) -> Iterator[Callable[[float], None]]:
+    """Show a progress bar on a terminal; yield the function that sets the number of done items."""
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield from items
+        yield lambda _: None
         return
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TimeRemainingColumn
 
     columns = ("{task.description}", BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=console, transient=True) as bar:
-        task, finished = bar.add_task(description, total=total), 0
-        if item_progress is not None:
-            item_progress.show = lambda share: bar.update(task, completed=finished + share)
-        for item in items:
+        task = bar.add_task(description, total=total)
+        yield lambda done: bar.update(task, completed=done)
+
+
+def progress(items: Iterable[_T], total: int, description: str) -> Iterator[_T]:
+    """Yield `items` and show a progress bar on a terminal."""
+    with progress_bar(total, description) as show:
+        for done, item in enumerate(items, start=1):
             yield item
-            finished += 1
-            bar.update(task, completed=finished)
+            show(done)
 
 
 def complain(message: str) -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import ItemProgress, new_table, out, print_json, print_table, progress
+from capture.base.console import new_table, out, print_json, print_table, progress, progress_bar
 from capture.base.utc_time import readable_utc
 from capture.commands import options
 from classify.base.errors import InputError
@@ -131,10 +131,8 @@ def report(
 
     session = read_session(folder)
     path = folder / REPORT
-    # One item, whose own progress the bar shows.
-    analysis_progress = ItemProgress()
-    analyses = (analyse(session, analysis_progress) for _ in range(1))
-    (analysis,) = progress(analyses, 1, "report", analysis_progress)
+    with progress_bar(1, "report") as show_share:
+        analysis = analyse(session, show_share)
     with durable_file(path) as temporary:
         temporary.write_text(report_page(session, analysis), encoding="utf-8")
     try:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from capture.base.console import ItemProgress, complain, out, print_json, progress
+from capture.base.console import complain, out, print_json, progress_bar
 from capture.commands import options
 from classify.base.errors import InputError
 from classify.methods import METHODS, Method
@@ -76,8 +76,9 @@ def solve(
     light = RELIT_LIGHT if relight is None else _light(relight)
     folders = output_folders(sets, output)
     tasks = [SolveTask(path.absolute(), folder.absolute()) for path, folder in folders.items()]
-    rows, warnings = [], []
-    with Batch(workers, scheduler) as batch:
+    rows: list[dict[str, Any]] = []
+    warnings: list[tuple[Path, tuple[str, ...]]] = []
+    with Batch(workers, scheduler) as batch, progress_bar(len(tasks), "solve") as show:
         task = partial(
             solve_set,
             method=method,
@@ -86,11 +87,14 @@ def solve(
             calibration=None if calibration is None else calibration.absolute(),
             raw=raw,
         )
-        set_progress = ItemProgress()
-        solving = batch.map(task, tasks, local_function=partial(task, on_progress=set_progress))
-        solved = progress(solving, len(tasks), "solve", set_progress)
+
+        def show_share(share: float) -> None:
+            show(len(warnings) + share)  # a set that is solved has its warnings
+
+        solved = batch.map(task, tasks, local_function=partial(task, on_progress=show_share))
         for (path, folder), surface in zip(folders.items(), solved, strict=True):
             warnings.append((path, surface.warnings))
+            show(len(warnings))
             if json:
                 rows.append(_as_json(path, folder, surface))
             else:
