@@ -15,7 +15,6 @@ from classify.base.durable_file import make_folder
 
 from . import plan, plots
 from .output import Cell, Exhibit, PageInfo, Row, write_page
-from .plan import BEST_SOLVER, SOLVERS, Plan
 from .results import (
     CLASSIFIER_TITLES,
     SAND_SLANT_DEG,
@@ -32,29 +31,30 @@ _THESIS_PS3_1D, _THESIS_PS4_1D, _THESIS_PS4_2D = 90.56, 95.93, 99.07
 _THESIS_TEXTONS, _THESIS_WORST_WITH_SHADOW = 100.0, 95.83
 _NOT_IN_THESIS = "not in it"
 
+_OUR_COLOUR = "#f4c542"  # of our classifier, where others have the colours of their solvers
 _PROTOCOLS: dict[plan.Protocol, str] = {
     "rotated": "same patch rotated", "disjoint": "disjoint patches",
 }  # fmt: skip
 
 
 def reproduce(
-    plan: Plan, output: Path, workers: int | None = None, scheduler: str | None = None
+    planned: plan.Plan, output: Path, workers: int | None = None, scheduler: str | None = None
 ) -> Path:
     """Measure a plan and write all files into a folder; returns the page."""
     make_folder(output)
     started_s = time.monotonic()
-    results = measure(plan, output, workers, scheduler)
+    results = measure(planned, output, workers, scheduler)
     exhibits = list(_exhibits(results))
     facts = {
-        "textures": f"{len(plan.thirty.textures)}",
-        "frames": f"{plan.frame_px} px",
-        "test patches": f"{sum(len(list(patch_tasks(e, output))) for e in plan.experiments)}",
+        "textures": f"{len(planned.thirty.textures)}",
+        "frames": f"{planned.frame_px} px",
+        "test patches": f"{sum(len(list(patch_tasks(e, output))) for e in planned.experiments)}",
         "answers": f"{sum(map(len, results.trials.values()))}",
         "duration": f"{(time.monotonic() - started_s) / 60.0:.1f} min on {os.cpu_count()} cores, "
         f"{platform.machine()}",
     }
     introduction = Path(__file__).with_name("chapter.html")
-    info = PageInfo("reproduction", introduction, simulated=True, quick=plan.quick)
+    info = PageInfo("reproduction", introduction, simulated=True, quick=planned.quick)
     return write_page(exhibits, facts, info, output)
 
 
@@ -180,7 +180,7 @@ def _by_texture(results: Results) -> Exhibit:
         for solver, classifier, suffix in systems:
             system = ("thirty", f"slant {slant_deg:g}{suffix}", solver, classifier)
             values = [results.trials.accuracy_pct(*system, texture=name) for name in names]
-            colour = plots.OUR_COLOUR if classifier == plan.OURS else plots.COLOURS[solver]
+            colour = _OUR_COLOUR if classifier == plan.OURS else plots.COLOURS[solver]
             groups.append((_title(solver, classifier), colour, values))
             columns[f"slant_{slant_deg:g}_{solver}_{classifier}_pct"] = values
         panels.append((f"slant {slant_deg:g}", groups))
@@ -255,10 +255,10 @@ def _against_textons(results: Results) -> Exhibit:
     )  # fmt: skip
 
 
-# Share of the pixels of sand in shadow of a light at tilt 0, in percent, by slant: figure 9.3.
+# Figure 9.3: percent of the pixels of sand in shadow of a light at tilt 0, by slant in degrees.
 _THESIS_SAND_SHADOW_PCT = {40: 1.0, 50: 7.0, 60: 19.0, 70: 37.0, 80: 61.0}
 
-_SHOWN_SOLVERS = (TRUTH, *SOLVERS)
+_SHOWN_SOLVERS = (TRUTH, *plan.SOLVERS)
 _SLANT = f"{SAND_SLANT_DEG:g}"
 
 
@@ -279,7 +279,7 @@ def _surface_exhibits(results: Results) -> Iterator[Exhibit]:
     yield _maps(
         "figure_9_08",
         ("solver", "rms_error_p", "rms_error_q"),
-        [(name, *maps.errors[name][:2]) for name in SOLVERS],
+        [(name, *maps.errors[name][:2]) for name in plan.SOLVERS],
         maps.relief,
         plots.Scale((-top, top), "gray", "relative height, px"),
         {name: float(np.hypot(*errors[:2])) for name, errors in maps.errors.items()},
@@ -288,12 +288,12 @@ def _surface_exhibits(results: Results) -> Iterator[Exhibit]:
     yield _maps(
         "figure_9_09",
         ("solver", "rms_error_albedo"),
-        [(name, albedo_errors[name]) for name in SOLVERS],
+        [(name, albedo_errors[name]) for name in plan.SOLVERS],
         maps.albedo,
         plots.Scale((0.0, 1.2), "gray", "albedo"),
         albedo_errors,
     )
-    yield _polar("figure_9_10", results, (*SOLVERS[1:], TRUTH))
+    yield _polar("figure_9_10", results, (*plan.SOLVERS[1:], TRUTH))
 
 
 def _shadow_by_texture(results: Results) -> Exhibit:
@@ -373,11 +373,11 @@ def _maps(
     errors: Mapping[str, float] | None = None,
     digits: int = 3,
 ) -> Exhibit:
-    """Maps of the solvers and the truth; the caption has ratios of the error of PS3a."""
+    """Maps of the solvers and the truth; the caption has the factors by which PS4 reduces errors."""
     values = {"slant": _SLANT}
     if errors is not None:
         values["gain_ps4"] = f"{errors['ps3a'] / errors['ps4']:.1f}"
-        values["gain_best"] = f"{errors['ps3a'] / errors[BEST_SOLVER]:.1f}"
+        values["gain_best"] = f"{errors['ps3a'] / errors[plan.BEST_SOLVER]:.1f}"
     titled_maps = [(SOLVER_TITLES[name], maps[name]) for name in _SHOWN_SOLVERS]
     draw = partial(plots.draw_maps, maps=titled_maps, scale=scale)
     return Exhibit(key, columns, rows, draw, (11.0, 3.0), digits, values)

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 COLOURS = {"ps3a": "#d6604d", "ps4": "#4393c3", "ps4_robust": "#1b7837"}
 """Colours of the solvers, in every figure."""
 
-OUR_COLOUR = "#f4c542"
-"""Colour of our classifier, where others have the colours of their solvers."""
-
 
 @dataclass(frozen=True)
 class Line:
