@@ -373,7 +373,7 @@ def _maps(
     errors: Mapping[str, float] | None = None,
     digits: int = 3,
 ) -> Exhibit:
-    """Maps of the solvers and the truth; the caption has the factors by which PS4 reduces errors."""
+    """Maps of the solvers and the truth; the caption has the ratios of errors to those of PS4."""
     values = {"slant": _SLANT}
     if errors is not None:
         values["gain_ps4"] = f"{errors['ps3a'] / errors['ps4']:.1f}"
