@@ -105,7 +105,8 @@ def _lines(captured: CapturedSet) -> Iterator[tuple[str, str]]:
         yield name, getattr(metadata, name) or _NOT_KNOWN
     for name, value in metadata.properties.items():
         yield "property", f"{name} = {exact_value(value)}"
-    yield "orientation", _number(metadata.orientation_deg, "degrees")
+    degrees = metadata.orientation_deg
+    yield "orientation", _NOT_KNOWN if degrees is None else f"{degrees:g} degrees"
     yield from metadata.facts
     yield (
         "images",
@@ -164,10 +165,6 @@ def _rig_lines(metadata: SetMetadata) -> Iterator[tuple[str, str]]:
             yield "LED levels", ", ".join(f"{level:.3f}" for level in checks.light_levels)
     for reason in metadata.failed_attempts:
         yield "failed attempt", reason
-
-
-def _number(value: float | None, unit: str) -> str:
-    return _NOT_KNOWN if value is None else f"{value:g} {unit}"
 
 
 def verify(

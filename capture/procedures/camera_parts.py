@@ -25,7 +25,7 @@ from classify.calibration.photon_transfer import (
 
 # Below this standard deviation, rounding hides the noise of a pixel (0.24 DN^2 in EMVA 1288).
 _MIN_NOISE_DN = 0.49
-# Share of full scale up to which `ps4rig rig doctor` accepts the brightest parts of an exposure.
+# Share of full scale of the brightest parts at the exposure that `ps4rig rig doctor` suggests.
 _BRIGHT_SHARE = 0.8
 
 
