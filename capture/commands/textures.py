@@ -29,25 +29,19 @@ _LibraryOption = Annotated[
 _ClassifierOption = Annotated[
     ClassifierName, typer.Option(help=f"One of {', '.join(CLASSIFIER_NAMES)}.", metavar="NAME")
 ]
+
+
+def _solver_option(sets: str, default: str) -> Any:
+    """Make the option ``--method``: the solver of `sets`."""
+    text = f"Solver of {sets}, one of {', '.join(METHODS)}."
+    return typer.Option("--method", help=text, show_default=default, metavar="METHOD")
+
+
 _TrainingSolver = Annotated[
     Method | None,
-    typer.Option(
-        "--method",
-        help=f"Solver of all training sets, one of {', '.join(METHODS)}.",
-        show_default="ps4_robust for four lights, else least_squares",
-        metavar="METHOD",
-    ),
+    _solver_option("all training sets", "ps4_robust for four lights, else least_squares"),
 ]
-_LibrarySolver = Annotated[
-    Method | None,
-    typer.Option(
-        "--method",
-        help=f"Solver of the sets, one of {', '.join(METHODS)}.",
-        show_default="the solver of the library",
-        metavar="METHOD",
-    ),
-]
-
+_LibrarySolver = Annotated[Method | None, _solver_option("the sets", "the solver of the library")]
 _CsvOption = Annotated[
     Path | None,
     typer.Option("--csv", help="Write a table with a line for each set.", metavar="FILE.csv"),
@@ -79,16 +73,9 @@ def train(
         )
     trained.save(library)
     if json:
-        print_json(
-            {
-                "library": str(library),
-                "classes": classes,
-                "uniformity": trained.uniformity,
-                "method": trained.method,
-                "planar": trained.planar,
-                "simulated": trained.simulated,
-            }
-        )
+        fields = ("uniformity", "method", "planar", "simulated")
+        answer = {"library": str(library), "classes": classes}
+        print_json(answer | {name: getattr(trained, name) for name in fields})
     else:
         simulated = " (simulated)" if trained.simulated else ""
         out.print(
@@ -125,8 +112,9 @@ def classify(
     if json:
         print_json([_record(path, answer, trained) for path, answer in answers.items()])
         return
-    columns = ("set", "texture", "orientation", "distance", "limit", "reason")
-    table = new_table(*columns, prose="reason")
+    table = new_table(
+        "set", "texture", "orientation", "distance", "limit", "reason", prose="reason"
+    )
     for path, answer in answers.items():
         match, angle_deg = answer.match, answer.match.orientation_deg
         table.add_row(
@@ -180,23 +168,15 @@ def evaluate_(
         answers, trained = _classified(
             paths, used_library, batch, method, calibration, label_required=True
         )
-    training_paths = [path for path, answer in answers.items() if answer.is_training_set]
     warning = f"a training set of {library}; its result says nothing about new sets"
-    warn_of_sets((path, (warning,)) for path in training_paths)
+    warn_of_sets((path, (warning,)) for path, answer in answers.items() if answer.is_training_set)
     _warn_not_oriented(answers.values(), library, trained)
     if csv is not None:
         _write_csv(csv, answers, trained)
     trials = [_trial(answer, trained) for answer in answers.values()]
     result = evaluate(trials, trained.classes)
     if json:
-        print_json(
-            {
-                **_as_json(result, trained),
-                "training_sets": [*map(str, training_paths)],
-                "methods": sorted({answer.method for answer in answers.values()}),
-                "library_method": trained.method,
-            }
-        )
+        print_json(_as_json(result, answers, trained))
         return
     if result.accuracy is not None:
         _print_taught(result)
@@ -232,17 +212,13 @@ def _print_untaught(result: Evaluation) -> None:
     columns = ("class not taught", "sets", "unknown", "wrongly accepted as")
     table = new_table(*columns, prose="wrongly accepted as")
     for label, answers in sorted(result.untaught.items()):
-        table.add_row(
-            label,
-            str(sum(answers.values())),
-            str(answers.get(None, 0)),
-            _wrong_answers(answers, None),
-        )
+        count, unknown = sum(answers.values()), answers.get(None, 0)
+        table.add_row(label, str(count), str(unknown), _wrong_answers(answers, None))
     print_table(table)
     rejected, accepted = result.untaught_rejected, result.untaught_accepted
     out.print(
         f"textures not taught: {rejected} of {rejected + accepted} sets rightly unknown, "
-        f"{accepted} wrongly accepted",
+        f"{accepted} wrongly accepted"
     )
 
 
@@ -382,7 +358,9 @@ def _degrees(value: float | None) -> str:
     return "-" if value is None else f"{value:.2f} deg"
 
 
-def _as_json(result: Evaluation, trained: TextureLibrary) -> dict[str, Any]:
+def _as_json(
+    result: Evaluation, answers: dict[Path, ClassifiedSet], trained: TextureLibrary
+) -> dict[str, Any]:
     return {
         "sets": result.sets,
         "accuracy": result.accuracy,
@@ -407,6 +385,9 @@ def _as_json(result: Evaluation, trained: TextureLibrary) -> dict[str, Any]:
             "accepted": result.untaught_accepted,
             "confusion": _confusion(result.untaught),
         },
+        "training_sets": [str(path) for path, answer in answers.items() if answer.is_training_set],
+        "methods": sorted({answer.method for answer in answers.values()}),
+        "library_method": trained.method,
     }
 
 
