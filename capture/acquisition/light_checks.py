@@ -202,7 +202,7 @@ def measured_levels(checks: ChecksRecord) -> tuple[float, ...] | None:
 def _weak_leds(
     agreement: LightAgreement | None, images: CheckedImages, least_level: float | None
 ) -> tuple[str, ...]:
-    """Describe LEDs whose level must be corrected; reject images that no LED level explains."""
+    """Describe LEDs whose level must be corrected; reject levels out of range or uncertain."""
     if agreement is None or agreement.levels is None:
         return ()
     limit = acceptance.led_level_limit(agreement.level_error)

@@ -40,7 +40,7 @@ _NEAR_DUPLICATES = (
 )  # fmt: skip
 
 Place = tuple[float, float]
-"""Right and up of the centre of a material, in tiles."""
+"""Offset to the right of the centre of a material, and upwards, in tiles."""
 
 _TRAINED_PLACE: Place = (0.0, 0.0)
 _TESTED_PLACE: Place = (0.5, 0.5)  # of disjoint tests
