@@ -26,7 +26,7 @@ from classify import (
     surface_spectra,
 )
 from classify.base.arrays import FloatMap
-from classify.base.durable_file import durable_file, make_folder
+from classify.base.durable_file import make_folder, write_text
 from classify.lighting import orientation_text
 from classify.texture.orientation import MIN_SHARPNESS
 from rig import ControllerIdentity, Placement, Rig, RigConfig, open_rig, surface_names
@@ -72,8 +72,7 @@ def _write_report(
         orientation_text=orientation_text,
         entries=[(entry, _tiles(entry), _polar_plots(entry)) for entry in entries],
     )
-    with durable_file(path) as temporary:
-        temporary.write_text(page, encoding="utf-8")
+    write_text(path, page)
 
 
 def _cells_of(trial: Trial) -> tuple[str, ...]:

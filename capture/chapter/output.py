@@ -19,7 +19,7 @@ from markupsafe import Markup
 from capture.base.chart import png_of
 from capture.base.console import progress
 from capture.base.page import rendered
-from classify.base.durable_file import durable_file
+from classify.base.durable_file import durable_file, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -69,7 +69,7 @@ _Table = list[list[tuple[str, str]]]
 
 @dataclass(frozen=True)
 class PageInfo:
-    """Name of a page, the HTML file of its introduction, and the meaning of its numbers."""
+    """Name of a page, the HTML file of its introduction, and the origin of its numbers."""
 
     page: str
     introduction: Path
@@ -94,7 +94,7 @@ def _write_exhibit(exhibit: Exhibit, folder: Path) -> bytes | None:
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(exhibit.columns)
     writer.writerows(exhibit.rows)
-    _write_text(folder / f"{exhibit.key}.csv", text.getvalue())
+    write_text(folder / f"{exhibit.key}.csv", text.getvalue())
     if exhibit.draw is None:
         return None
     png = _drawn(exhibit.draw, exhibit.size_in)
@@ -113,7 +113,7 @@ def write_page(
     ]
     _write_numbers(exhibits, info, folder / "results.json")
     path = folder / f"{info.page}.html"
-    _write_text(path, _page(drawn, facts, info))
+    write_text(path, _page(drawn, facts, info))
     return path
 
 
@@ -133,13 +133,7 @@ def _write_numbers(exhibits: Sequence[Exhibit], info: PageInfo, path: Path) -> N
             for exhibit in exhibits
         },
     }
-    _write_text(path, json.dumps(contents, indent=1, allow_nan=False) + "\n")
-
-
-def _write_text(path: Path, text: str) -> None:
-    """Write a text file as a whole or not at all."""
-    with durable_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, json.dumps(contents, indent=1, allow_nan=False) + "\n")
 
 
 def _page(

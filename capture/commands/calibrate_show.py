@@ -35,7 +35,7 @@ def show(
 ) -> None:
     """Report quality, age, benefit and missing parts of a calibration; write a page."""
     from capture.calibration.ps4cal import CalibrationFile
-    from classify.base.durable_file import durable_file
+    from classify.base.durable_file import write_text
 
     from .calibrate_page import benefit_of, calibration_page, summary_json
 
@@ -47,8 +47,7 @@ def show(
     file, now = CalibrationFile.read(path), datetime.now(UTC)
     benefit = benefit_of(file)
     if page is not None:
-        with durable_file(page) as temporary:
-            temporary.write_text(calibration_page(path, file, benefit, now), encoding="utf-8")
+        write_text(page, calibration_page(path, file, benefit, now))
     if json:
         print_json(summary_json(path, file, benefit, now))
         return

@@ -248,7 +248,7 @@ def compare(
     """
     from capture.maps.comparison import compare as compared
     from capture.maps.comparison import comparison_page, side_of
-    from classify.base.durable_file import durable_file
+    from classify.base.durable_file import write_text
 
     options.check_calibration(calibration, raw)
     if (raw or calibration is not None) and first.is_dir() and second.is_dir():
@@ -260,8 +260,7 @@ def compare(
         check_output(page, suffix=_PAGE_SUFFIX, inputs=[first, second], force=force)
     comparison = compared(*(side_of(path, calibration, raw=raw) for path in (first, second)))
     if page is not None:
-        with durable_file(page) as temporary:
-            temporary.write_text(comparison_page(comparison), encoding="utf-8")
+        write_text(page, comparison_page(comparison))
     if json:
         print_json(comparison.as_json())
         return

@@ -34,7 +34,7 @@ def init(
     Without --port, each serial port of a known board is asked for a light controller. Keys whose
     device is not found are comments that tell how to fill them in.
     """
-    from classify.base.durable_file import durable_file
+    from classify.base.durable_file import write_text
     from rig import LightControllerError, list_cameras
     from rig.initial_config import answering_controllers, initial_config
     from rig.lights.discovery import SerialPort, identify, list_serial_ports
@@ -50,8 +50,7 @@ def init(
             complain(f"warning: {error}")
             controllers = []
     cameras = list_cameras()
-    with durable_file(file) as temporary:
-        temporary.write_text(initial_config(controllers, cameras), encoding="utf-8")
+    write_text(file, initial_config(controllers, cameras))
     out.print(
         f"{file}: light controllers found: {len(controllers)}, cameras found: {len(cameras)}; "
         f"review it, then run ps4rig rig doctor --rig {file}",

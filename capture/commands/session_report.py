@@ -127,14 +127,13 @@ def report(
     from capture.session.folder import REPORT, read_session, session_folder
     from capture.session.report_analysis import analyse
     from capture.session.report_page import report_page
-    from classify.base.durable_file import durable_file
+    from classify.base.durable_file import write_text
 
     session = read_session(folder)
     path = folder / REPORT
     with progress_bar(1, "report") as show_share:
         analysis = analyse(session, show_share)
-    with durable_file(path) as temporary:
-        temporary.write_text(report_page(session, analysis), encoding="utf-8")
+    write_text(path, report_page(session, analysis))
     try:
         with session_folder(folder) as opened:
             opened.write_table(analysis.damaged)

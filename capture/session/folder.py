@@ -20,7 +20,7 @@ from capture.sets.captured_set import CapturedSet
 from capture.sets.description import as_captured, exact_value
 from capture.sets.metadata import SetMetadata
 from capture.sets.ome_tiff import read_header
-from classify.base.durable_file import TEMPORARY_PREFIX, durable_file, make_folder
+from classify.base.durable_file import TEMPORARY_PREFIX, durable_file, make_folder, write_text
 from classify.base.errors import InputError
 
 from .journal import Journal, SetEntry, read_journal
@@ -215,8 +215,7 @@ class SessionFolder:
         table = _sets_table(
             self.plan, [*self.entries()], {entry.key for entry in self.captured()}, damaged
         )
-        with durable_file(self.path / TABLE) as temporary:
-            temporary.write_text(table, encoding="utf-8", newline="")
+        write_text(self.path / TABLE, table)
 
     def file_of(self, planned: PlannedSet) -> Path:
         """Path of the file of a planned set."""

@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError
 
 from capture.base.names import typed_number
 from classify import InputError, Lighting
-from classify.base.durable_file import durable_file
+from classify.base.durable_file import write_text
 from classify.base.regular_file import read_regular_file
 from classify.lighting import light_fault
 
@@ -356,5 +356,4 @@ def write_light_list(path: Path, lighting: Lighting, names: Sequence[str]) -> No
         rows = [[*vector, level] if has_levels else vector for vector, level in pairs]
         lines = (f"{name} {' '.join(map(str, row))}" for name, row in zip(names, rows, strict=True))
         text = "\n".join([str(len(rows)), *lines]) + "\n"
-    with durable_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    write_text(path, text)

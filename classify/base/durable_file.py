@@ -53,6 +53,12 @@ def durable_file(path: Path, temporary_folder: Path | None = None) -> Iterator[P
         sync(target.parent)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Write a text file as `durable_file` does, in UTF-8 and with the line ends of `text`."""
+    with durable_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8", newline="")
+
+
 @contextmanager
 def temporary_path(
     temporary_folder: Path, path: Path, *, suffix: str = "", is_folder: bool = False

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from classify import InputError
-from classify.base.durable_file import durable_file
+from classify.base.durable_file import durable_file, write_text
 
 
 def names(folder: Path) -> list[str]:
@@ -31,6 +31,11 @@ def test_the_file_appears_or_is_replaced_when_the_block_ends(
         assert (path.read_text() if path.exists() else None) == old
     assert path.read_text() == "new"
     assert names(tmp_path) == [path.name]
+
+
+def test_a_text_keeps_its_line_ends(tmp_path: Path) -> None:
+    write_text(tmp_path / "table.csv", "a\r\n\u00e9\n")
+    assert (tmp_path / "table.csv").read_bytes() == b"a\r\n\xc3\xa9\n"
 
 
 def test_data_are_synced_before_the_rename_and_the_folder_after_it(
