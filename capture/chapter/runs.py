@@ -1,7 +1,7 @@
 """Patches of textures, rendered and solved; libraries trained with them, and their matches."""
 
 import zlib
-from collections.abc import Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
@@ -21,6 +21,7 @@ from rig.simulation.simulated_set import EXPOSURE_MS, SimulatedSet
 from . import plan
 from .plan import BEST_SOLVER, Conditions, PatchPosition, SceneFaults, Texture
 
+_Observe = Callable[[SurfaceEstimate, int], Observation]
 _THESIS_METHODS = ("ps3a", "ps3b", "ps3c", "ps3d", "ps4")
 
 
@@ -107,11 +108,9 @@ class CachedPatch:
         return self._surfaces[key]
 
     def observation(
-        self, conditions: Conditions, method: Method, name: str, segment_px: int, train: bool
+        self, conditions: Conditions, method: Method, observe: _Observe, segment_px: int
     ) -> Observation:
-        """Observation of the classifier `name`; classifiers with equal observations share one."""
-        classifier = classifier_named(name)
-        observe = classifier.observe_training if train else classifier.observe
+        """What a classifier observes of the surface; those with one `observe` share it."""
         key = (conditions, method, observe, segment_px)
         if key not in self._observations:
             self._observations[key] = observe(self.surface(conditions, method), segment_px)
@@ -182,9 +181,8 @@ def train(task: _TrainingTask) -> None:
                     continue
                 for solver, classifier in run.systems:
                     path = library_path(task.folder, experiment.name, run, solver, classifier)
-                    observation = patch.observation(
-                        run.conditions, solver, classifier, run.segment_px, train=True
-                    )
+                    observe = classifier_named(classifier).observe_training
+                    observation = patch.observation(run.conditions, solver, observe, run.segment_px)
                     rows.setdefault((path, run.segment_px, solver, classifier), []).append(
                         TrainingRow(texture.name, observation, position.rotate_deg)
                     )
@@ -232,14 +230,15 @@ def patch_matches(task: PatchTask) -> Iterator[_PatchMatch]:
     for test in experiment.tests:
         if texture not in test.training.textures:
             continue
-        for solver, classifier in test.training.systems:
-            path = library_path(task.folder, experiment.name, test.training, solver, classifier)
+        for solver, name in test.training.systems:
+            path = library_path(task.folder, experiment.name, test.training, solver, name)
             library = load_library(path)
+            classifier = classifier_named(name)
             observation = patch.observation(
-                test.conditions, solver, classifier, library.segment_px, train=False
+                test.conditions, solver, classifier.observe, library.segment_px
             )
-            signature = classifier_named(classifier).signature(observation, library.parameters)
-            system = System(experiment.name, test.name, solver, classifier, task.protocol)
+            signature = classifier.signature(observation, library.parameters)
+            system = System(experiment.name, test.name, solver, name, task.protocol)
             trial = Trial(texture.name, position.rotate_deg, library.match(signature))
             yield _PatchMatch(system, trial, test.training, path, signature)
 
