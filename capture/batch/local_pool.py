@@ -86,15 +86,15 @@ def _terminal_signals_blocked() -> Iterator[None]:
 
 def _begin_worker(lifeline: Connection) -> None:
     """Prepare a worker that ends with the process which holds the other end of `lifeline`."""
-    signal.signal(signal.SIGTERM, _end)
-    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
+    signal.signal(signal.SIGTERM, _end_worker)
+    threading.Thread(target=_end_when_closed, args=(lifeline,), daemon=True).start()
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     # Imported before the first item: an interrupted import would print that numpy is missing.
     import cv2  # noqa: F401
 
 
-def _end_with(lifeline: Connection) -> None:
+def _end_when_closed(lifeline: Connection) -> None:
     try:
         lifeline.recv_bytes()
     except (EOFError, OSError):
@@ -108,7 +108,7 @@ def _end_with(lifeline: Connection) -> None:
         os._exit(1)
 
 
-def _end(*_: object) -> NoReturn:
+def _end_worker(*_: object) -> NoReturn:
     if not _at_work.is_set():
         # An exception in an import or in the executor would print a traceback.
         os._exit(1)
