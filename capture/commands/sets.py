@@ -162,10 +162,10 @@ def _captured(
         if rig.simulation is not None and rig.simulation.placement not in (None, placement):
             rig.simulation.place(placement)
         placed = None if rig.simulation is None else rig.simulation.placement
-        is_target = is_target or (placed is not None and placed.surface in TARGETS)
+        shows_target = is_target or (placed is not None and placed.surface in TARGETS)
         for _ in range(count):
             yield capture_set(
-                rig, label, average=average, calibration=calibration, is_target=is_target
+                rig, label, average=average, calibration=calibration, is_target=shows_target
             )
 
 

@@ -1,4 +1,4 @@
-"""What `ps4rig station run` starts beside a station: terminal, triggers, panel, PLC and MQTT."""
+"""Interfaces of `ps4rig station run`: terminal, triggers, panel, PLC and MQTT."""
 
 import os
 import secrets
@@ -54,8 +54,10 @@ def running_interfaces(
     config = folder.config
     with ExitStack() as stack:
         settings = panel_settings(config.panel, host, port)
-        is_used = host is not None or port is not None or trigger == "http"
-        with _warning_if_cannot_listen(is_needed=is_used if panel is None else panel):
+        is_needed = panel
+        if is_needed is None:
+            is_needed = host is not None or port is not None or trigger == "http"
+        with _warning_if_cannot_listen(is_needed=is_needed):
             # Also without a panel here, because a panel may be a systemd unit of its own.
             stack.enter_context(serving_live(folder, live))
             if panel is not False:

@@ -24,7 +24,7 @@ from rig.doctor.light_images import capture_light_images
 
 from .plate_parts import SHEET_BRIGHTNESS
 
-_SHEET = "plate"  # the surface of the simulated rig
+_SHEET = "plate"  # a surface of the simulated rig
 
 
 def check_calibration(rig: Rig, *, has_sheet: bool) -> Iterator[Check]:

@@ -201,8 +201,8 @@ _NOT_COMPARED = Check(
 def compare_rig(rig: Rig, file: CalibrationFile, ask: Ask, publish: Publish) -> Answer:
     """Compare a rig with its calibration by a sheet; return GO if it agrees or the person skips.
 
-    After a fault the person is asked again. STOP is returned if there was no fault; otherwise it
-    raises CalibrationRejected. A rig that lays the sheet down itself raises at its first fault.
+    After a fault the person is asked again. A stop is returned before any fault, and raised as
+    CalibrationRejected after one. A rig that lays the sheet down itself is compared once.
     """
     cause: str | None = None
     is_automatic = lays_sheet_down(rig)
