@@ -1,4 +1,4 @@
-"""How a process ends: standard streams that accept all writes, and logs of unforeseen errors."""
+"""The end of a process: standard streams that accept all writes, logs of unforeseen errors."""
 
 import io
 import os
@@ -36,7 +36,7 @@ class StandardStreams:
     """Standard streams that discard what cannot be written, and whose closed input is empty."""
 
     def __init__(self) -> None:
-        # Otherwise the next opened file would get the descriptor of a closed stream.
+        # Otherwise the next opened file would get the descriptor of a stream that is closed.
         while (descriptor := os.open(os.devnull, os.O_RDWR)) <= 2:
             pass
         os.close(descriptor)
@@ -56,16 +56,17 @@ class StandardStreams:
         return status or (BROKEN_PIPE_STATUS if error is not None else 0)
 
 
-def _tolerant(descriptor: int, old: TextIO | None) -> tuple[_TolerantFile, TextIO]:
+def _tolerant(descriptor: int, stream: TextIO | None) -> tuple[_TolerantFile, TextIO]:
+    """Make a stream that tolerates errors, in the encoding of `stream`."""
     raw = _TolerantFile(descriptor, "w", closefd=False)
-    new = io.TextIOWrapper(
+    tolerant_stream = io.TextIOWrapper(
         io.BufferedWriter(raw),
-        encoding=old.encoding if old else "utf-8",
+        encoding=stream.encoding if stream else "utf-8",
         errors="backslashreplace",
         line_buffering=descriptor == 2 or raw.isatty(),
         write_through=bool(os.environ.get("PYTHONUNBUFFERED")),
     )
-    return raw, new
+    return raw, tolerant_stream
 
 
 CRASH_STATUS = 70  # EX_SOFTWARE of sysexits.h
