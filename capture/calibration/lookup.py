@@ -125,9 +125,9 @@ def _age_warnings(file: CalibrationFile, created_utc: str) -> Iterator[str]:
     except ValueError:  # not a date
         return
     ages = {name: record.age_days(captured) or 0 for name, record in file.records.items()}
-    old = [name.replace("_", " ") for name, days in ages.items() if days > OLD_DAYS]
-    if old:
+    old_parts = [name.replace("_", " ") for name, days in ages.items() if days > OLD_DAYS]
+    if old_parts:
         yield (
-            f"the calibration ({', '.join(old)}) was measured {max(ages.values())} days before the "
-            "set was captured; calibrate again"
+            f"the calibration ({', '.join(old_parts)}) was measured {max(ages.values())} days "
+            "before the set was captured; calibrate again"
         )

@@ -177,7 +177,7 @@ class CalibrationFile:
 
     @property
     def outdated_parts(self) -> list[PartName]:
-        """Parts that were measured before a curved response, and so without its correction."""
+        """Parts that were measured before a curved response, thus without its correction."""
         response, records = self.calibration.response, self.records
         if response is None or response.linear:
             return []
@@ -186,13 +186,14 @@ class CalibrationFile:
 
     def warnings(self) -> list[str]:
         """Warn of outdated parts."""
-        old = [name.replace("_", " ") for name in self.outdated_parts]
-        if not old:
+        names = [name.replace("_", " ") for name in self.outdated_parts]
+        if not names:
             return []
-        cause = (
-            f"{' and '.join(old)} measured before the response, which changes their light images"
+        warning = (
+            f"{' and '.join(names)} measured before the response, which changes their light "
+            "images; run ps4rig calibrate plate again"
         )
-        return [f"{cause}; run ps4rig calibrate plate again"]
+        return [warning]
 
     def write(self, path: str | Path) -> None:
         """Write the file atomically; an existing file is replaced.

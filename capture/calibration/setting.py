@@ -86,11 +86,11 @@ class Setting(Record):
         return list(self._differences(other, part))
 
     def all_differences(self, other: Setting) -> list[str]:
-        """Differences for which sets of `other` are not judged like sets of this setting."""
+        """Differences that keep sets of `other` from being judged like sets of this setting."""
         # Dark depends on pixel values and exposure, flat_field on the lights.
         parts: tuple[PartName, ...] = ("dark", "flat_field")
-        found = [text for part in parts for text in self._differences(other, part)]
-        return list(dict.fromkeys(found)) or [
+        differences = [text for part in parts for text in self._differences(other, part)]
+        return list(dict.fromkeys(differences)) or [
             *self._moved_lights(other),
             *self._other_intensities(other),
         ]
