@@ -149,8 +149,11 @@ def response_of_photographs(
     except CalibrationRejected:
         if are_marked:
             with suppress(CalibrationRejected):
-                nominal = [Rung(_nominal_exposure_ms(r.exposure_ms), r.levels) for r in rungs]
-                return response_parts(nominal, calibration, setting, source)
+                nominal_rungs = [
+                    replace(rung, exposure_ms=_nominal_exposure_ms(rung.exposure_ms))
+                    for rung in rungs
+                ]
+                return response_parts(nominal_rungs, calibration, setting, source)
         raise
 
 

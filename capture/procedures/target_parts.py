@@ -12,6 +12,7 @@ from capture.calibration.setting import PartName, Setting
 from capture.sets.captured_set import CapturedSet
 from capture.sets.photographs import Photographs, read_mask
 from classify import Calibration
+from classify.base.arrays import BoolArray
 from classify.base.errors import CalibrationRejected, InputError
 from classify.calibration.calibration import Scale
 from classify.calibration.checkerboard import MEASURABLE_TILT_DEG, find_corners, scale_of_boards
@@ -31,35 +32,39 @@ _IMAGE_PARTS: tuple[PartName, ...] = ("dark", "response", "scale", "flat_field")
 
 
 def images_of_photographs(
-    pictures: Photographs, masks: Sequence[Path], lights: int | None, file: CalibrationFile
+    photographs: Photographs, masks: Sequence[Path], lights: int | None, file: CalibrationFile
 ) -> tuple[list[SphereImages], Setting]:
     """Return the images of a sphere by placement, corrected, and their setting.
 
     A placement has `lights` photographs, or all of them if None. There is a mask for each
     placement, or none.
     """
-    lights = lights or len(pictures.planes)
-    if len(pictures.planes) % lights:
+    lights = lights or len(photographs.planes)
+    if len(photographs.planes) % lights:
         raise InputError(
-            f"{len(pictures.planes)} photographs of a sphere for {lights} lights; give one "
+            f"{len(photographs.planes)} photographs of a sphere for {lights} lights; give one "
             "photograph per light, and all lights again for each further placement. A mask goes "
             "after --mask"
         )
-    count = len(pictures.planes) // lights
+    count = len(photographs.planes) // lights
     if len(masks) not in (0, count):
         raise InputError(
             f"{len(masks)} masks for {count} placements of the sphere; give one each, or none"
         )
-    planes = np.stack(pictures.planes)
+    planes = np.stack(photographs.planes)
+    frame, orientation = photographs.frame, photographs.orientation
+    areas: list[BoolArray | None] = [None] * count
+    if masks:
+        areas = [read_mask(mask, frame, None, orientation) for mask in masks]
     placements = [
         SphereImages(
-            planes[lights * k : lights * (k + 1)],
-            pictures.full_scale,
-            mask=read_mask(masks[k], pictures.frame, None, pictures.orientation) if masks else None,
+            planes[lights * number : lights * (number + 1)], photographs.full_scale, mask=area
         )
-        for k in range(count)
+        for number, area in enumerate(areas)
     ]
-    setting = Setting.of_photographs(pictures.planes[0].shape, pictures.bit_depth, pictures.gamma)
+    setting = Setting.of_photographs(
+        photographs.planes[0].shape, photographs.bit_depth, photographs.gamma
+    )
     return [_corrected(placement, setting, file) for placement in placements], setting
 
 
