@@ -22,12 +22,12 @@ from classify.images import ImageStack
 from classify.lights.agreement import LightAgreement, light_agreement
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LEVEL_SAMPLES, LitSamples, levels_of_many
-from classify.lights.registration import shift_of_one_image
 from classify.lights.shading import (
     ShadingOrder,
     explained_detail,
     shading_of,
     shading_order,
+    shift_of_one_image,
     unlike_images_of_one_light,
 )
 from rig import acceptance

@@ -1,4 +1,4 @@
-"""Tests of photographs by their shading: does it fit the lights, is it one scene.
+"""Tests of photographs by their shading: does it fit the lights, is it one scene, without shifts.
 
 A capture is compared to a percent (`agreement`, `order`). Gloss, cast shadows, near lights and
 errors of measured directions exceed that in photographs, so only their detail is compared. Divided
@@ -10,6 +10,10 @@ with the local contrast a of the albedo and slopes p, q relative to the surround
 vignetting cancel, and so do the intensities of the lights. Minus its mean over all lights, u has
 two dimensions, those of p and q; the rest is the residual. And p, q are the slopes of a surface:
 their curl is small against their divergence. Both hold for the true lights only.
+
+A shift is tested without a division by the surroundings. On a matt surface the other images predict
+image k. If it is shifted by d, it differs from their prediction by d . grad(i_k), besides a factor
+of its light.
 """
 
 import itertools
@@ -78,6 +82,15 @@ _MIN_DETAIL, _ABOVE_NOISE = 0.02, 4.0
 _SAME_LIGHT, _UNLIKE = math.cos(math.radians(0.5)), 0.5
 # From the second difference along rows and columns (Immerkaer, 1996) to the noise of a pixel.
 _NOISE_KERNEL = np.outer((1.0, -2.0, 1.0), (1.0, -2.0, 1.0)) / 6.0
+# Standard deviation of the Gaussian before the gradient of a shifted image, and width of the border
+# that is not compared.
+_SHIFT_BLUR_PX, _SHIFT_BORDER_PX = 2.0, 7
+# A shift explains at least this share of the misfit, and is at least this long in reduced images.
+# One of 1331 choices of four to eight photographs in tests/data reaches both, and three in four do
+# if one photograph is shifted by 3 px (test_shading.py).
+_MIN_EXPLAINED, _MIN_SHIFT_PX = 0.6, 1.5
+# An image is predicted if the others contain at least this share of it.
+_MIN_REDUNDANCY = 0.03
 
 
 @dataclass(frozen=True, eq=False)
@@ -181,32 +194,41 @@ def _contrasts(
     mask: BoolArray | None,
 ) -> tuple[FloatMap, BoolArray, BoolArray]:
     """(N, h, w) contrasts; (h, w) usable pixels, and those lit by all lights."""
-    rows, columns = images.shape[1:]
-    step = max(1, min(rows, columns) // _SIDE_PX)
-    size = (max(1, columns // step), max(1, rows // step))
-
-    def reduced(image: Array) -> FloatMap:
-        plane = np.asarray(image, np.float32)
-        return np.asarray(cv2.resize(plane, size, interpolation=cv2.INTER_AREA), np.float32)
-
-    excluded = images.max(axis=0) >= full_scale
-    if mask is not None:
-        excluded |= ~mask
-    values = np.stack([reduced(image) for image in images])
+    values = np.stack([_reduced(image) for image in images])
     if ambient is not None:
-        values -= reduced(ambient)
+        values -= _reduced(ambient)
     values /= np.maximum(values.mean(axis=(1, 2), keepdims=True), np.float32(1e-6))
     typical = np.median(values, axis=0)
-    usable = (typical > _MAYBE_NOISE * typical.mean()) & (reduced(excluded) == 0.0)
+    usable = typical > _MAYBE_NOISE * typical.mean()
+    usable &= _reduced(_excluded(images, full_scale, mask)) == 0.0
     lit = usable & (values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0))
     inside = usable.astype(np.float32)
-    sigma = _SURROUNDINGS * min(size)
+    sigma = _SURROUNDINGS * min(usable.shape)
     # Pixels that are not usable, and the border, have no weight in the mean.
     weight = np.maximum(_blurred(inside, sigma), np.float32(1e-6))
     for value in values:
         surroundings = _blurred(value * inside, sigma) / weight
         value /= np.maximum(surroundings, np.float32(1e-6))
     return np.where(usable, values - 1.0, 0.0).astype(np.float32), usable, lit
+
+
+def _reduction(shape: tuple[int, ...]) -> int:
+    """Number of pixels along the side of a block that is averaged to one pixel."""
+    return max(1, min(shape) // _SIDE_PX)
+
+
+def _reduced(image: Array) -> FloatMap:
+    """(h, w) means of an image over square blocks."""
+    step = _reduction(image.shape)
+    rows, columns = (max(1, side // step) for side in image.shape)
+    plane = np.asarray(image, np.float32)
+    return np.asarray(cv2.resize(plane, (columns, rows), interpolation=cv2.INTER_AREA), np.float32)
+
+
+def _excluded(images: Array, full_scale: float, mask: BoolArray | None) -> BoolArray:
+    """(H, W) pixels that are saturated in an image, or outside the mask."""
+    is_saturated = np.asarray(images.max(axis=0) >= full_scale)
+    return is_saturated if mask is None else is_saturated | ~mask
 
 
 def _blurred(image: FloatMap, sigma: float) -> FloatMap:
@@ -330,3 +352,46 @@ def _light_residuals(moments: Floats, tangents: Floats, inverse: Floats) -> Floa
     mixed = inverse @ moments
     fitted = ((tangents @ (mixed @ inverse.T)) * tangents).sum(axis=1)
     return np.asarray(np.diag(moments) - 2.0 * (tangents * mixed.T).sum(axis=1) + fitted)
+
+
+def shift_of_one_image(
+    images: Array,
+    ambient: Array,
+    lighting: Lighting,
+    full_scale: float,
+    mask: BoolArray | None = None,
+) -> float | None:
+    """Length in px of the shift of one of the images (N, H, W); None if no shift explains them."""
+
+    def smoothed(image: Array) -> FloatMap:
+        return np.asarray(cv2.GaussianBlur(_reduced(image), (0, 0), _SHIFT_BLUR_PX), np.float32)
+
+    values = np.stack([smoothed(image) for image in images]) - smoothed(ambient)
+    values /= lighting.intensities[:, None, None].astype(np.float32)
+    usable = smoothed(_excluded(images, full_scale, mask)) == 0.0
+    usable &= values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
+    inside = np.zeros_like(usable)
+    border = slice(_SHIFT_BORDER_PX, -_SHIFT_BORDER_PX)
+    inside[border, border] = True
+    usable &= inside
+    directions = lighting.directions
+    # Projects the values of a pixel on their residuals from a matt surface.
+    redundancy = np.eye(len(directions)) - directions @ np.linalg.pinv(directions)
+    lit = values[:, usable]
+    explained, shift_px = 0.0, 0.0
+    for k, value in enumerate(values):
+        if redundancy[k, k] < _MIN_REDUNDANCY:
+            continue
+        misfit = redundancy[k] @ lit / redundancy[k, k]
+        slopes = (cv2.Sobel(value, cv2.CV_32F, *order, scale=1 / 8) for order in ((1, 0), (0, 1)))
+        terms = np.stack([lit[k], *(slope[usable] for slope in slopes)]).astype(np.float64)
+        moments, products = terms @ terms.T, terms @ misfit
+        solution = np.linalg.pinv(moments, hermitian=True) @ products
+        # The part that a factor of the light explains is no evidence of a shift.
+        by_light = products[0] ** 2 / max(moments[0, 0], 1e-12)
+        unexplained_by_light = max(float(misfit @ misfit) - by_light, 1e-12)
+        share = float(products @ solution - by_light) / unexplained_by_light
+        if share > explained:
+            explained, shift_px = share, float(np.hypot(*solution[1:]))
+    is_clear = explained > _MIN_EXPLAINED and shift_px > _MIN_SHIFT_PX
+    return _reduction(images.shape[1:]) * shift_px if is_clear else None

@@ -1,7 +1,8 @@
-"""The order of lights and the scene of photographs, by their shading."""
+"""The order of lights, the scene and shifts of photographs, by their shading."""
 
 import json
 from collections.abc import Callable
+from itertools import combinations
 from pathlib import Path
 
 import cv2
@@ -10,10 +11,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capture.sets.light_list import load_light_list
 from classify import Lighting, SurfaceEstimate
-from classify.lights.shading import explained_detail, shading_of, shading_order
+from classify.lights.shading import (
+    explained_detail,
+    shading_of,
+    shading_order,
+    shift_of_one_image,
+)
 
-BUTTERFLY = Path(__file__).parents[2] / "data" / "butterfly_crop"
+DATA = Path(__file__).parents[2] / "data"
+BUTTERFLY = DATA / "butterfly_crop"
 RING = Lighting.ring(45.0)
 OPPOSITE = [2, 3, 0, 1]
 WRONG = ([2, 1, 0, 3], [0, 3, 2, 1], [1, 0, 2, 3], [1, 2, 3, 0], [3, 2, 1, 0])
@@ -185,3 +193,29 @@ def test_pixels_outside_the_mask_and_saturated_ones_do_not_count(relief: Surface
     nothing = shading_of(images, full_scale=0)
     assert shading_order(nothing, RING).verdict == "undecided"
     assert explained_detail(nothing).size == 0
+
+
+@pytest.mark.parametrize("name", ["butterfly_crop", "cat_crop"])
+def test_a_shift_of_one_photograph_is_found_and_true_ones_have_none(name: str) -> None:
+    lights = load_light_list(DATA / name / "lights.json")
+    paths = lights.image_paths()
+    photographs = np.stack([cv2.imread(str(path), cv2.IMREAD_GRAYSCALE) for path in paths])
+    black = np.zeros(photographs.shape[1:], np.uint8)
+    true, shifted = [], []
+    picks = [
+        pick
+        for count in (4, 6)
+        for pick in [*combinations(range(len(paths)), count)][:: 4 * len(paths) - 30]
+    ]
+    for pick in picks:
+        images = photographs[list(pick)]
+        lighting = lights.lighting_for([paths[k] for k in pick])
+        if np.linalg.svd(lighting.directions)[1][2] < 0.15:
+            continue  # nearly in one plane
+        true.append(shift_of_one_image(images, black, lighting, 255))
+        images[1] = np.roll(images[1], 3, axis=1)
+        shifted.append(shift_of_one_image(images, black, lighting, 255))
+    assert true == [None] * len(true)
+    found = [shift for shift in shifted if shift is not None]
+    assert len(found) > 0.5 * len(shifted)
+    assert np.median(found) == pytest.approx(3.0, abs=1.0)
