@@ -18,15 +18,16 @@ from classify.lights.flat_field import (
     by_fold,
     coordinates,
     exponents,
+    folded_basis,
     normal_equations,
     powers,
     prediction_error,
     solve_normal_equations,
 )
 
-# Blocks along each side of the frame, and largest number of cells along the side of a block. Within
-# a block the light of LEDs at two fields of view departs from a plane by 0.01 %.
-BLOCKS, _MAX_CELLS = 32, 16
+# Number of blocks along each side of the frame, and largest number of cells along that of a block.
+# Within a block the light of LEDs at two fields of view departs from a plane by 0.01 %.
+_BLOCKS, _MAX_CELLS = 32, 16
 # Cells further from the median of their block than this multiple of its robust standard deviation
 # are dust.
 _DUST_DEVIATIONS = 4.0
@@ -56,7 +57,7 @@ class PlateBlocks:
         """Blocks of the placements; only pixels of the (H, W) `mask` count."""
         shape = placements[0].shape
         maps = (_of_placement(placement, full_scale, mask) for placement in placements)
-        rows, columns = ((np.arange(BLOCKS) + 0.5) * length / BLOCKS - 0.5 for length in shape)
+        rows, columns = ((np.arange(_BLOCKS) + 0.5) * length / _BLOCKS - 0.5 for length in shape)
         x, y = coordinates(rows, columns, shape)
         logs, usable, relief, saturated, levels = map(np.stack, zip(*maps, strict=True))
         return cls(logs, usable, relief, saturated, levels, x, y, shape)
@@ -72,7 +73,7 @@ def _of_placement(
     stack: ImageStack, full_scale: float, mask: BoolArray | None
 ) -> tuple[Array, ...]:
     """The first five fields of `PlateBlocks`, from logs to levels, without the axis S."""
-    rows, columns = (BLOCKS * min(max(side // BLOCKS, 1), _MAX_CELLS) for side in stack.shape)
+    rows, columns = (_BLOCKS * min(max(side // _BLOCKS, 1), _MAX_CELLS) for side in stack.shape)
     cells = (rows, columns)
     ambient = np.float32(0.0) if stack.ambient is None else stack.ambient.astype(np.float32)
     sheet = np.ones(stack.shape, np.bool_) if mask is None else mask
@@ -119,9 +120,9 @@ def _resized(image: Array, cells: tuple[int, int]) -> FloatMap:
 
 def _in_blocks(cells: FloatMap) -> FloatMap:
     """(32, 32, n) the n cells of each block."""
-    rows, columns = (length // BLOCKS for length in cells.shape)
-    blocks = cells.reshape(BLOCKS, rows, BLOCKS, columns).swapaxes(1, 2)
-    return blocks.reshape(BLOCKS, BLOCKS, rows * columns)
+    rows, columns = (length // _BLOCKS for length in cells.shape)
+    blocks = cells.reshape(_BLOCKS, rows, _BLOCKS, columns).swapaxes(1, 2)
+    return blocks.reshape(_BLOCKS, _BLOCKS, rows * columns)
 
 
 def _deviation(values: Floats, good: BoolArray) -> Floats:
@@ -132,7 +133,7 @@ def _deviation(values: Floats, good: BoolArray) -> Floats:
 
 
 def _median(values: Floats) -> Floats:
-    """Median over the cells of each block without NaN; NaN for a block without any."""
+    """Lower median over the cells of each block without NaN; NaN for a block without any."""
     ordered = np.sort(values, axis=-1)  # NaN last
     count = np.isfinite(ordered).sum(axis=-1)
     middle = np.maximum(count - 1, 0) // 2
@@ -205,15 +206,15 @@ def fit_flat_field(blocks: PlateBlocks) -> FittedFlatField:
     ratio, mean = (_Fit.of(values, blocks) for values in (blocks.logs - common, common))
     coefficients = ratio.coefficients + mean.coefficients
     x, y = (_edges(centres) for centres in (blocks.x, blocks.y))
-    covered = np.zeros((BLOCKS + 1, BLOCKS + 1), np.bool_)
     usable = blocks.usable.any(axis=0)
+    is_corner = np.zeros((_BLOCKS + 1, _BLOCKS + 1), np.bool_)  # of a usable block
     for rows in (slice(None, -1), slice(1, None)):
         for columns in (slice(None, -1), slice(1, None)):
-            covered[rows, columns] |= usable
+            is_corner[rows, columns] |= usable
     # Geometric mean 1 over the lights and the usable blocks.
     centre_logs = powers(blocks.y, TERMS) @ coefficients @ powers(blocks.x, TERMS).T
     coefficients[:, 0, 0] -= centre_logs[:, usable].mean()
-    logs = (powers(y, TERMS) @ coefficients @ powers(x, TERMS).T)[:, covered]
+    logs = (powers(y, TERMS) @ coefficients @ powers(x, TERMS).T)[:, is_corner]
     return FittedFlatField(
         FlatField(coefficients, np.stack([logs.min(axis=1), logs.max(axis=1)], axis=1)),
         (ratio.degree, mean.degree),
@@ -243,7 +244,7 @@ class _Fit:
     @classmethod
     def of(cls, values: Floats, blocks: PlateBlocks) -> "_Fit":
         targets, usable = by_fold(values), by_fold(blocks.usable.astype(float))
-        bases = {degree: _basis(blocks, degree) for degree in _DEGREES}
+        bases = {degree: folded_basis(blocks.x, blocks.y, degree) for degree in _DEGREES}
         coefficients = np.zeros((values.shape[1], TERMS, TERMS))
         degree = _DEGREES[0]
         coefficients = _refined(coefficients, degree, bases[degree], targets, usable)
@@ -318,21 +319,14 @@ def _combined(residuals: Floats, usable: Floats) -> tuple[Floats, Floats, Floats
 
 
 def _unfolded(blocks: Floats) -> Floats:
-    """(..., 32, 32) blocks of the frame, from (..., folds, blocks of a fold)."""
-    order = by_fold(np.arange(float(BLOCKS * BLOCKS)).reshape(BLOCKS, BLOCKS)).astype(int)
-    placed = np.empty((*blocks.shape[:-2], BLOCKS * BLOCKS))
+    """(..., 32, 32) blocks of the frame, from (..., folds, blocks of a fold) of `by_fold`."""
+    order = by_fold(np.arange(float(_BLOCKS * _BLOCKS)).reshape(_BLOCKS, _BLOCKS)).astype(int)
+    placed = np.empty((*blocks.shape[:-2], _BLOCKS * _BLOCKS))
     placed[..., order] = blocks
-    return placed.reshape(*blocks.shape[:-2], BLOCKS, BLOCKS)
-
-
-def _basis(blocks: PlateBlocks, degree: int) -> Floats:
-    """(folds, blocks, terms) values of y^i x^j."""
-    i, j = exponents(degree)
-    x, y = powers(blocks.x, TERMS), powers(blocks.y, TERMS)
-    terms = by_fold(y.T[i][:, :, None] * x.T[j][:, None, :])
-    return np.ascontiguousarray(np.moveaxis(terms, 0, -1))
+    return placed.reshape(*blocks.shape[:-2], _BLOCKS, _BLOCKS)
 
 
 def _edges(centres: Floats) -> Floats:
+    """Coordinates of the edges between blocks, and of the outer ones."""
     half = 0.5 * (centres[1] - centres[0])
     return np.append(centres - half, centres[-1] + half)

@@ -24,12 +24,11 @@ from .flat_field import (
     MEDIAN_SQUARE,
     TUKEY,
     FlatField,
-    by_fold,
     coordinates,
     exponential,
     exponents,
+    folded_basis,
     normal_equations,
-    powers,
     prediction_error,
     solve_normal_equations,
 )
@@ -104,7 +103,7 @@ class _Grid:
     columns: Indices  # (n,)
     x: FloatMap  # (n,) coordinates of the columns
     y: FloatMap  # (n,) coordinates of the rows
-    bases: Mapping[int, Floats]  # by degree, (folds, blocks, terms) of y^i x^j, as `exponents`
+    bases: Mapping[int, Floats]  # `folded_basis` by degree
 
     @classmethod
     @lru_cache(maxsize=4)
@@ -112,14 +111,9 @@ class _Grid:
         """The grid of frames of a shape."""
         rows, columns = (_positions(count) for count in shape)
         x, y = coordinates(rows, columns, shape)
-        block_x, block_y = (
-            powers(axis.reshape(_BLOCKS, -1).mean(axis=1), _TERMS) for axis in (x, y)
-        )
-        bases = {}
-        for degree in (_DEGREE, _HIGHER_DEGREE):
-            i, j = exponents(degree)
-            terms = block_y.T[i][:, :, None] * block_x.T[j][:, None, :]
-            bases[degree] = np.ascontiguousarray(np.moveaxis(by_fold(terms), 0, -1))
+        block_x, block_y = (axis.reshape(_BLOCKS, -1).mean(axis=1) for axis in (x, y))
+        degrees = (_DEGREE, _HIGHER_DEGREE)
+        bases = {degree: folded_basis(block_x, block_y, degree) for degree in degrees}
         return cls(rows, columns, x.astype(np.float32), y.astype(np.float32), bases)
 
 

@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
 from classify.base.arrays import Array, FloatMap, Floats, Indices
 from classify.base.compiling import kernel
@@ -74,13 +73,6 @@ class FlatField:
         low, high = self.bounds.T[..., None, None]
         return np.asarray(np.clip(logarithms, low, high), np.float64)
 
-    def times(self, factors: npt.ArrayLike) -> "FlatField":
-        """The flat field of lights multiplied by (N,) factors."""
-        logarithms = np.log(np.asarray(factors, np.float64))
-        coefficients = self.coefficients.copy()
-        coefficients[:, 0, 0] += logarithms
-        return FlatField(coefficients, self.bounds + logarithms[:, None])
-
     @property
     def shared(self) -> "FlatField":
         """Vignetting and common fall-off: the geometric mean of all lights, for every light."""
@@ -99,7 +91,10 @@ class FlatField:
                 f"{len(lighting)}; give the flat field of these lights"
             )
         cosines = lighting.directions[:, 2]
-        return self.times(np.exp(np.log(cosines).mean()) / cosines)
+        logarithms = np.log(np.exp(np.log(cosines).mean()) / cosines)
+        coefficients = self.coefficients.copy()
+        coefficients[:, 0, 0] += logarithms
+        return FlatField(coefficients, self.bounds + logarithms[:, None])
 
     def divide(self, stack: ImageStack, full_scale: float | None) -> ImageStack:
         """Divide the images minus the ambient image by the strengths, and add it again, in float32.
@@ -291,6 +286,14 @@ def by_fold(blocks: Floats) -> Floats:
     size = blocks.shape[-1] // FOLDS
     folds = blocks.reshape(*blocks.shape[:-2], FOLDS, size, FOLDS, size).swapaxes(-3, -2)
     return folds.reshape(*blocks.shape[:-2], FOLDS**2, size**2)
+
+
+def folded_basis(x: Floats, y: Floats, degree: int) -> Floats:
+    """(folds, blocks, terms) values of y^i x^j, as `exponents`, at blocks on a grid of x and y."""
+    i, j = exponents(degree)
+    x_powers, y_powers = powers(x, degree + 1).T, powers(y, degree + 1).T
+    terms = by_fold(y_powers[i][:, :, None] * x_powers[j][:, None, :])
+    return np.ascontiguousarray(np.moveaxis(terms, 0, -1))
 
 
 @kernel
