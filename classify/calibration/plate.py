@@ -82,7 +82,7 @@ def measure_plate(
     positions = fit_led_positions(fitted.ratios, fitted.weights, blocks.x, blocks.y)
     unit_px = 0.5 * max(blocks.shape)
     measured = Lighting.near(positions.positions * unit_px) if is_known(positions) else None
-    tilts_deg = _tilts_deg(fitted.offsets, measured or lighting)
+    tilts_deg, _ = _tilts_deg(fitted.offsets, measured or lighting)
     common_deg = _checked_tilt_deg(tilts_deg, fitted, measured, lighting)
     _check_gloss(positions, blocks, measured or lighting)
     _check_surface(fitted)
@@ -115,6 +115,7 @@ def check_sheet(blocks: PlateBlocks, lighting: Lighting) -> None:
 
 
 def check_evenness(residual: float) -> None:
+    """Reject a sheet whose mean brightness departs from a smooth fit by this share."""
     if residual > _MAX_UNEVENNESS:
         raise CalibrationRejected(
             f"not a white sheet: its reflectance varies by {residual:.1%} over the frame; use "
@@ -170,22 +171,24 @@ def _why_unknown(positions: LedPositions) -> str:
     )
 
 
-def _tilts_deg(offsets: Floats, lighting: Lighting) -> Floats:
-    """(S,) tilts of the sheet, from (S, N) changes of log brightness."""
+def _tilts_deg(offsets: Floats, lighting: Lighting) -> tuple[Floats, Floats]:
+    """(S,) tilts of a sheet that explain (S, N) changes of log brightness, and (S, N) residuals."""
     # A sheet of slopes a is 1 - a . l_xy / l_z times as bright under a light.
     tangents = lighting.directions[:, :2] / lighting.directions[:, 2:]
     centred = tangents - tangents.mean(axis=0)
-    slopes = np.linalg.lstsq(
-        -centred, (offsets - offsets.mean(axis=1, keepdims=True)).T, rcond=None
-    )
-    return np.asarray(np.degrees(np.arctan(np.linalg.norm(slopes[0], axis=0))), np.float64)
+    changes = (offsets - offsets.mean(axis=1, keepdims=True)).T
+    slopes = np.linalg.lstsq(-centred, changes, rcond=None)[0]
+    tilts_deg = np.degrees(np.arctan(np.linalg.norm(slopes, axis=0)))
+    return tilts_deg, (changes + centred @ slopes).T
 
 
 def _checked_tilt_deg(
     tilts_deg: Floats, fitted: FittedFlatField, measured: Lighting | None, configured: Lighting
 ) -> float:
-    """Check the tilts, and return the tilt that all placements share."""
-    # It is estimated from the difference of the measured and the configured lights.
+    """Check the tilts, and return the tilt that all placements share.
+
+    It is estimated from the difference of the measured and the configured lights.
+    """
     if tilts_deg.max() > _MAX_TILT_DEG:
         raise CalibrationRejected(
             f"the sheet is tilted by {tilts_deg.max():.1f} degrees; lay it flat, to "
@@ -226,13 +229,10 @@ def _tilt_of_levels_deg(levels: Floats, configured: Lighting) -> float:
     """Tilt of the sheet that explains the levels of distant lights; 0 if none does."""
     if len(configured) == 3:
         return 0.0  # a tilt explains any three levels
-    tangents = configured.directions[:, :2] / configured.directions[:, 2:]
-    centred = tangents - tangents.mean(axis=0)
-    slopes, *_ = np.linalg.lstsq(-centred, levels, rcond=None)
-    residual = levels + centred @ slopes
-    if np.square(residual).sum() > _MAX_UNEXPLAINED_LEVELS * np.square(levels).sum():
+    tilts_deg, residuals = _tilts_deg(levels[None], configured)
+    if np.square(residuals).sum() > _MAX_UNEXPLAINED_LEVELS * np.square(levels).sum():
         return 0.0
-    return float(np.degrees(np.arctan(np.linalg.norm(slopes))))
+    return float(tilts_deg[0])
 
 
 def _check_surface(fitted: FittedFlatField) -> None:
@@ -249,7 +249,8 @@ def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lightin
     """Reject a shiny sheet, which has a highlight on the side of each light."""
     size = positions.residuals.shape[-1]
     x, y = (axis.reshape(size, -1).mean(axis=1) for axis in (blocks.x, blocks.y))
-    usable = _pooled(np.asarray(blocks.usable.all(axis=0)), size)
+    step = len(blocks.x) // size
+    usable = blocks.usable.all(axis=0).reshape(size, step, size, step).all(axis=(1, 3))
     shiny = []
     for light, excess in enumerate(positions.residuals):
         highlight = np.where(usable & (excess > _MAX_GLOSS_EXCESS), excess, 0)
@@ -265,8 +266,3 @@ def _check_gloss(positions: LedPositions, blocks: PlateBlocks, lighting: Lightin
             f"the sheet is shiny: a highlight of {np.expm1(positions.residuals.max()):.1%} lies on "
             f"the side of lights {', '.join(map(str, shiny))}; use matt paper"
         )
-
-
-def _pooled(usable: BoolArray, size: int) -> BoolArray:
-    step = len(usable) // size
-    return np.asarray(usable.reshape(size, step, size, step).all(axis=(1, 3)), np.bool_)
