@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import cv2
 import numpy as np
+import numpy.typing as npt
 from scipy import ndimage
 
-from classify.base.arrays import FloatMap, Floats
+from classify.base.arrays import BoolArray, FloatMap, Floats
 
 # Starts that are off by 5 % of the radius come within 1e-8 px of the minimum.
 _GAUSS_NEWTON_STEPS = 4
@@ -37,20 +38,30 @@ def fitted_circle(points: Floats, weights: Floats, start: Circle) -> Circle:
     return Circle(float(column), float(row), float(radius))
 
 
-def centre_error(points: Floats, weights: Floats, circle: Circle) -> float:
-    """Jackknife standard error of the centre; each fit leaves out one of eight sectors."""
-    angles = np.arctan2(points[:, 1] - circle.row, points[:, 0] - circle.column)
+def jackknife_variances(x: Floats, y: Floats, fit: Callable[[BoolArray], npt.ArrayLike]) -> Floats:
+    """Jackknife variances of the numbers that `fit` returns for a selection of (n,) points.
+
+    Each fit leaves out one of eight sectors around the origin.
+    """
+    angles = np.arctan2(y, x)
     sector = np.floor((angles / (2.0 * np.pi) + 0.5) * _SECTORS).astype(int) % _SECTORS
-    fits = np.array([
-        fitted_circle(points[sector != k], weights[sector != k], circle)[:2]
-        for k in range(_SECTORS)
-    ])  # fmt: skip
-    variance = (_SECTORS - 1) * fits.var(axis=0)
-    return float(np.sqrt(variance.max()))
+    fits = np.array([fit(sector != left_out) for left_out in range(_SECTORS)])
+    return np.asarray((_SECTORS - 1) * fits.var(axis=0))
+
+
+def centre_error(points: Floats, weights: Floats, circle: Circle) -> float:
+    """Standard error of the centre of a circle that was fitted to (n, 2) points."""
+    x, y = points.T
+    variances = jackknife_variances(
+        x - circle.column,
+        y - circle.row,
+        lambda used: fitted_circle(points[used], weights[used], circle)[:2],
+    )
+    return float(np.sqrt(variances.max()))
 
 
 def circles_through(points: Floats) -> Floats:
-    """Circles (n, 3) through (n, 3, 2) points; not finite for three in a line."""
+    """Circumcircles (n, 3) of (n, 3, 2) points; not finite for three in a line."""
     first = points[:, 0]
     a, b = points[:, 1] - first, points[:, 2] - first
     cross = 2.0 * (a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])

@@ -13,6 +13,7 @@ from classify.base.arrays import Array, BoolArray, Floats, Indices
 from classify.base.errors import CalibrationRejected
 from classify.images import SIGMA_PER_MAD
 
+from .circle import jackknife_variances
 from .sphere import Sphere
 
 # A pixel belongs to a highlight if more than this share of it shows the lamp. The share is higher
@@ -42,9 +43,9 @@ _CENTRE_ERROR_PX = 0.15
 class _Highlight(NamedTuple):
     """The image of a lamp in a mirror sphere."""
 
-    brightness: float
-    pixels: Indices
-    weights: Floats
+    brightness: float  # sum over the pixels, above the background
+    pixels: Indices  # into those of the sphere
+    weights: Floats  # of the pixels
     direction: Floats  # (3,) of the light
 
     @classmethod
@@ -107,13 +108,13 @@ def mirror_directions(
         normal = direction + weights @ views[pixels] / weights.sum()
         normal /= np.linalg.norm(normal)
         squares = ((reflected[pixels] - direction) ** 2).sum(axis=1)
-        spread = np.sqrt(weights @ squares / weights.sum())
+        size = np.sqrt(weights @ squares / weights.sum())  # of the highlight, rms, in radians
         n_z = max(float(normal[2]), 0.1)
         # Per px, n rotates by 1 / (radius n_z), and l by twice as much.
         outline_error, centre_error = (
             2.0 * px / sphere.radius_px / n_z for px in (sphere.error_px, _CENTRE_ERROR_PX)
         )
-        error = np.linalg.norm([outline_error, centre_error, _CENTRE_SHARE * spread])
+        error = np.linalg.norm([outline_error, centre_error, _CENTRE_SHARE * size])
         errors.append(np.degrees(error))
         directions.append(direction)
         points.append(sphere.centre + sphere.radius_px * normal)
@@ -143,7 +144,7 @@ def _lit_share(
             "polished sphere, and does each light image have its own light?"
         )
     is_changed = change > _MIN_CHANGE * noise + middle
-    core = change >= 0.5 * highest
+    core = change >= 0.5 * highest  # of the highlight
     # Over a bright reflection of the room a clipped highlight changes less than over a dark one.
     bright = values[_connected(core, is_changed & (values >= values[core].max()), cells)]
     is_clipped = (bright == bright.max()).sum() > 1
@@ -176,7 +177,6 @@ _MAX_PIXELS = 3000
 # Error by vignetting and response, which the jackknife does not show. Half of the lights of matt
 # spheres in masks are within 0.2 degrees, 90 % within 0.65 (sphere_rates.py).
 _MODEL_DEG = 0.3
-_SECTORS = 8
 _ROUNDS = 4
 # Powers of n . l in the shading: Lambert's law is linear; rough plaster, a response that is not
 # linear, and a near lamp bend it, all as functions of n . l.
@@ -202,7 +202,8 @@ def matte_directions(
     rows, columns = rows[::stride], columns[::stride]
     normals, _ = sphere.surface_at(columns, rows)
     middle = 0.5 * (np.array(sphere.frame) - 1.0)
-    squared = ((np.stack([rows, columns], axis=1) - middle) ** 2).sum(axis=1) / (middle @ middle)
+    offsets = np.stack([rows, columns], axis=1) - middle
+    squared_radii = (offsets**2).sum(axis=1) / (middle @ middle)
     samples = []
     for light, image in enumerate(images):
         values = image[rows, columns].astype(np.float64)
@@ -212,7 +213,7 @@ def matte_directions(
                 f"light image {light}: {1.0 - usable.mean():.0%} of the sphere is at full scale; "
                 "shorten the exposure"
             )
-        samples.append(_Samples(light, normals[usable], values[usable], squared[usable]))
+        samples.append(_Samples(light, normals[usable], values[usable], squared_radii[usable]))
     # The lens is the same in all light images.
     if vignetting is None:
         vignetting = float(np.median([_fit(sample, None).vignetting for sample in samples]))
@@ -241,14 +242,14 @@ class _Samples:
     light: int
     normals: Floats
     values: Floats
-    squared: Floats  # squared distance from the middle of the frame; 1 in its corners
+    squared_radii: Floats  # squared distances from the middle of the frame; 1 in its corners
 
-    def only(self, chosen: BoolArray) -> _Samples:
-        return _Samples(self.light, self.normals[chosen], self.values[chosen], self.squared[chosen])
+    def only(self, used: BoolArray) -> _Samples:
+        return _Samples(self.light, self.normals[used], self.values[used], self.squared_radii[used])
 
     def without(self, vignetting: float) -> Floats:
         """The values without vignetting."""
-        return self.values / (1.0 - vignetting * self.squared)
+        return self.values / (1.0 - vignetting * self.squared_radii)
 
 
 @dataclass(frozen=True, eq=False)
@@ -330,12 +331,9 @@ def _refined(samples: _Samples, start: Floats, vignetting: float | None) -> tupl
 
 
 def _jackknife_deg(samples: _Samples, fit: _Fit) -> float:
-    """Standard error by fits that leave out one sector of the sphere each."""
-    angles = np.arctan2(samples.normals[:, 1], samples.normals[:, 0])
-    sector = np.floor((angles / (2.0 * np.pi) + 0.5) * _SECTORS)
-    fits = np.array([
-        _refined(samples.only(sector != k), fit.direction, fit.vignetting)[0]
-        for k in range(_SECTORS)
-    ])  # fmt: skip
-    variance = (_SECTORS - 1) / _SECTORS * ((fits - fits.mean(axis=0)) ** 2).sum()
-    return float(np.degrees(np.sqrt(variance / 2.0)))
+    """Standard error of the direction, per axis across it."""
+    x, y, _ = samples.normals.T
+    variances = jackknife_variances(
+        x, y, lambda used: _refined(samples.only(used), fit.direction, fit.vignetting)[0]
+    )
+    return float(np.degrees(np.sqrt(variances.sum() / 2.0)))

@@ -6,6 +6,7 @@ Circles that edges vote for (`circle.voted_circles`) are compared by the edges o
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -26,10 +27,17 @@ _MIN_RADIUS_PX = 12.0
 _FINALISTS = 5
 _RAYS, _SECTORS, _EDGES_PER_RAY = 240, 8, 5
 _TRIALS = 240
-# Rounds of a fit: width of the band of radii in which edges are searched, and tolerance, both as
-# shares of the radius.
-_COARSE, _FINE = ((0.15, 0.01), (0.08, 0.01)), ((0.05, 0.005),)
-_MIN_TOLERANCES_PX = {0.01: 1.0, 0.005: 0.5}
+
+
+class _Round(NamedTuple):
+    """One round of the fit of an outline."""
+
+    band: float  # half width of the band of radii in which edges are searched, share of the radius
+    tolerance: float  # distance of an edge from the circle, share of the radius
+    min_tolerance_px: float
+
+
+_COARSE, _FINE = (_Round(0.15, 0.01, 1.0), _Round(0.08, 0.01, 1.0)), (_Round(0.05, 0.005, 0.5),)
 # Rooms rendered without a sphere give 0 to 0.2, spheres in them 0.07 to 1
 # (tests/sphere_pictures.py). A later step refuses circles without the highlight or the shading of a
 # sphere.
@@ -201,11 +209,13 @@ def _reduced(features: list[FloatMap], factor: float) -> list[FloatMap]:
 
 
 def _rank(outline: Outline) -> float:
-    # A longer outline is better evidence, but meets more edges of other things by chance.
+    # A larger circle with the same share of edges is better evidence, but meets more edges of other
+    # things by chance.
     return outline.score * float(outline.circle.radius**0.25)
 
 
 def _chosen(outlines: list[Outline]) -> Outline:
+    """The outline of the highest rank, or a circle around it that may be the edge of the sphere."""
     best = max(outlines, key=_rank)
 
     def is_around(outline: Outline) -> bool:
@@ -219,7 +229,7 @@ def _chosen(outlines: list[Outline]) -> Outline:
 
 
 def _doubt_px(outlines: list[Outline], best: Outline) -> float:
-    """Half the largest difference of `best` from a circle that may be the outline too."""
+    """Half the largest difference of `best` from the circles that score about as high."""
     rivals = [
         np.subtract(outline.circle, best.circle)
         for outline in outlines
@@ -259,16 +269,14 @@ def _radial_edges(
     return points, peaks[ray, peak - 1]
 
 
-def _fitted(
-    features: list[FloatMap], start: Circle, rounds: tuple[tuple[float, float], ...]
-) -> Outline:
+def _fitted(features: list[FloatMap], start: Circle, rounds: tuple[_Round, ...]) -> Outline:
     """Fit the circle near `start` with edges on most rays (RANSAC, least squares)."""
     rng = np.random.default_rng(0)
     circle, error_px, score = start, np.inf, 0.0
     rim = np.empty((0, 2))
-    for band, tolerance_share in rounds:
+    for band, tolerance_share, min_tolerance_px in rounds:
         band_px = max(band * start.radius, 4.0)
-        tolerance = max(_MIN_TOLERANCES_PX[tolerance_share], tolerance_share * start.radius)
+        tolerance = max(min_tolerance_px, tolerance_share * start.radius)
         points, weights = _radial_edges(features, circle, band_px)
         # Three rays about a third of the circumference apart.
         ray = rng.integers(0, _RAYS, (_TRIALS, 1)) + np.arange(3) * (_RAYS // 3)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 
@@ -66,7 +66,7 @@ def lights_from_spheres(
     measured = []
     for number, placement in enumerate(placements, start=1):
         try:
-            measured.append(_Measured.of(placement, kind, focal_px))
+            measured.append(_MeasuredSphere.of(placement, kind, focal_px))
         except CalibrationRejected as error:
             prefix = f"placement {number}: " if len(placements) > 1 else ""
             raise CalibrationRejected(f"{prefix}{error}") from error
@@ -106,8 +106,8 @@ def lights_from_spheres(
 
 
 @dataclass(frozen=True, eq=False)
-class _Measured:
-    """The lights by a sphere at one place."""
+class _MeasuredSphere:
+    """A sphere at one place, and the lights that it shows."""
 
     sphere: Sphere
     outline_score: float
@@ -117,7 +117,7 @@ class _Measured:
     doubts: Sequence[str]
 
     @classmethod
-    def of(cls, placement: SphereImages, kind: SphereKind, focal_px: float | None) -> _Measured:
+    def of(cls, placement: SphereImages, kind: SphereKind, focal_px: float | None) -> Self:
         """Find the sphere, and measure the lights by it."""
         rows, columns = placement.images.shape[1:]
         if placement.mask is None:
@@ -156,13 +156,13 @@ def scale_of_spheres(spheres: Sequence[Sphere], diameter_mm: float) -> Scale:
     )
 
 
-def _without_ambient(sphere: SphereImages) -> Array:
+def _without_ambient(placement: SphereImages) -> Array:
     """The light images less the ambient one; pixels at full scale stay there."""
-    if sphere.ambient is None:
-        return sphere.images
-    images = sphere.images.astype(np.float32)
-    lit = images - sphere.ambient.astype(np.float32)
-    return np.where(images >= SATURATED * sphere.full_scale, np.float32(sphere.full_scale), lit)
+    if placement.ambient is None:
+        return placement.images
+    images, full_scale = placement.images.astype(np.float32), np.float32(placement.full_scale)
+    lit = images - placement.ambient.astype(np.float32)
+    return np.where(images >= SATURATED * placement.full_scale, full_scale, lit)
 
 
 def _mean_directions(directions: Floats, errors: Floats) -> tuple[Floats, Floats]:
@@ -182,9 +182,11 @@ def _mean_directions(directions: Floats, errors: Floats) -> tuple[Floats, Floats
 def positions_of_rays(
     points: Floats, directions: Floats, errors: Floats
 ) -> tuple[Floats, Floats, Floats] | None:
-    """(N, 3) positions where (J, N, 3) rays meet, and errors across (rad) and along (a share)."""
-    # Minimises for each light the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2; None
-    # if not determined.
+    """(N, 3) positions where (J, N, 3) rays meet, and errors across (rad) and along (a share).
+
+    None if the rays do not determine them.
+    """
+    # Minimises for each light the sum over rays of |(I - d d^T)(P - X)|^2 / (error |P - X|)^2.
     projections = np.eye(3) - directions[..., :, None] * directions[..., None, :]
     distance = np.ones(errors.shape)
     for _ in range(6):
