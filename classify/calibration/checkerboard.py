@@ -41,6 +41,12 @@ _MAX_FOCAL_ERROR = 0.05
 _DISTORTION_ERROR = 0.0003
 # Least number of tilted placements that determine the focal length (Zhang 2000).
 _MIN_TILTED = 2
+# Flags of OpenCV. The lens is centred, and its pixels are square.
+_FIX_DISTORTION = cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2
+_IDEAL_LENS = (
+    cv2.CALIB_FIX_ASPECT_RATIO + cv2.CALIB_FIX_PRINCIPAL_POINT + cv2.CALIB_ZERO_TANGENT_DIST
+    + cv2.CALIB_FIX_K3 + cv2.CALIB_USE_INTRINSIC_GUESS
+)  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,14 +66,15 @@ def find_corners(image: Array, corners: tuple[int, int]) -> Floats:
             f"a checkerboard with {corners[0]} x {corners[1]} inner corners; "
             f"give {_CORNER_COUNTS[0]} to {_CORNER_COUNTS[1]} each"
         )
+    # The detector takes 8 bits: stretch the contrast to them.
     values = image.astype(np.float32)
     low, high = (float(level) for level in np.quantile(values[::2, ::2], (0.01, 0.99)))
     grey = np.clip((values - low) * (255.0 / max(high - low, 1e-9)), 0, 255).astype(np.uint8)
-    detected = _corners(grey, corners)
+    detected = _detected_corners(grey, corners)
     if detected is not None:
         return detected
     fewer = corners[0] - 1, corners[1] - 1
-    if min(fewer) >= _CORNER_COUNTS[0] and _corners(grey, fewer) is not None:
+    if min(fewer) >= _CORNER_COUNTS[0] and _detected_corners(grey, fewer) is not None:
         raise CalibrationRejected(
             f"the board has {fewer[0]} x {fewer[1]} inner corners, not {corners[0]} x "
             f"{corners[1]}; count corners where four squares meet, not squares"
@@ -78,7 +85,7 @@ def find_corners(image: Array, corners: tuple[int, int]) -> Floats:
     )
 
 
-def _corners(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> Floats | None:
+def _detected_corners(image: npt.NDArray[np.uint8], corners: tuple[int, int]) -> Floats | None:
     flags = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE
     is_found, corners_px = cv2.findChessboardCornersSB(image, corners, flags=flags)
     if not is_found:
@@ -146,18 +153,11 @@ def _fitted(
     boards: Sequence[Floats], board: Floats, frame: tuple[int, int]
 ) -> tuple[_Fit, Floats, float | None]:
     """Fit the lens with as many values as are significant; also its matrix and focal error."""
-    camera = nominal_camera_matrix(frame)
-    focal_error = None
-    fit = _Fit.of(boards, board, frame, camera, _FIXED_PARAMETERS)
-    if np.count_nonzero(fit.tilts_deg > _MAX_FLAT_DEG) >= _MIN_TILTED:
-        free = _Fit.of(boards, board, frame, camera, 0)
-        if free.focal_px < 100.0 * max(frame) and free.focal_error <= _MAX_FOCAL_ERROR:
-            camera[0, 0] = camera[1, 1] = free.focal_px
-            focal_error = free.focal_error
-            fit = _Fit.of(boards, board, frame, camera, _FIXED_PARAMETERS)
+    camera, focal_error = _measured_camera(boards, board, frame)
+    fit = _Fit.of(boards, board, frame, camera, cv2.CALIB_FIX_FOCAL_LENGTH + _FIX_DISTORTION)
     # Distortion would explain a part of a tilt that a wrong focal length leaves. Its significance
     # is therefore tested between fits with a free focal length.
-    free_fit = _Fit.of(boards, board, frame, camera, cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2)
+    free_fit = _Fit.of(boards, board, frame, camera, _FIX_DISTORTION)
     freedom = (2 * len(board) - 6) * len(boards)
     coefficients = 0
     for count, fixed in ((1, cv2.CALIB_FIX_K2), (2, 0)):
@@ -173,12 +173,18 @@ def _fitted(
     return fit, camera, focal_error
 
 
-_FIXED_PARAMETERS = cv2.CALIB_FIX_FOCAL_LENGTH + cv2.CALIB_FIX_K1 + cv2.CALIB_FIX_K2
-# The lens is centred, and its pixels are square.
-_IDEAL_LENS = (
-    cv2.CALIB_FIX_ASPECT_RATIO + cv2.CALIB_FIX_PRINCIPAL_POINT + cv2.CALIB_ZERO_TANGENT_DIST
-    + cv2.CALIB_FIX_K3 + cv2.CALIB_USE_INTRINSIC_GUESS
-)  # fmt: skip
+def _measured_camera(
+    boards: Sequence[Floats], board: Floats, frame: tuple[int, int]
+) -> tuple[Floats, float | None]:
+    """Camera matrix and relative error of its focal length; None if that is the nominal one."""
+    camera = nominal_camera_matrix(frame)
+    fit = _Fit.of(boards, board, frame, camera, cv2.CALIB_FIX_FOCAL_LENGTH + _FIX_DISTORTION)
+    if np.count_nonzero(fit.tilts_deg > _MAX_FLAT_DEG) >= _MIN_TILTED:
+        free = _Fit.of(boards, board, frame, camera, 0)
+        if free.focal_px < 100.0 * max(frame) and free.focal_error <= _MAX_FOCAL_ERROR:
+            camera[0, 0] = camera[1, 1] = free.focal_px
+            return camera, free.focal_error
+    return camera, None
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,7 +205,7 @@ class _Fit:
         camera: Floats,
         fixed: int,
     ) -> _Fit:
-        """Fit the pose of each placement, and the values of the lens that are not `fixed`."""
+        """Fit the pose of each placement, and the lens except the values that `fixed` flags."""
         on_board = np.column_stack([board, np.zeros(len(board))]).astype(np.float32)
         in_picture = [points.astype(np.float32)[:, None] for points in boards]
         try:
