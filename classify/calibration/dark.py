@@ -63,7 +63,9 @@ class Dark:
             raise InputError(f"{len(times_ms)} dark exposures; give up to {_MAX_EXPOSURES}")
         if self.longer is None:
             return
-        if not (self.exposure_ms or np.inf) < (self.longer.exposure_ms or 0.0):
+        # False for an unknown exposure.
+        is_rising = (self.exposure_ms or np.inf) < (self.longer.exposure_ms or 0.0)
+        if not is_rising:
             raise InputError(f"dark exposures of {times_ms} ms; give known and rising ones")
         if self.longer.full_scale != self.full_scale:
             raise InputError(
@@ -139,7 +141,7 @@ class Dark:
         )
 
     def with_exposure_of(self, other: Dark) -> Dark:
-        """Return this with the exposure of `other`, which replaces an equal exposure."""
+        """Add the exposure of `other`, which replaces an equal exposure."""
         others = (dark for dark in self.exposures if not other.holds_at(dark.exposure_ms))
         exposures = [*others, other]
         exposures.sort(key=lambda dark: dark.exposure_ms or 0.0, reverse=True)
@@ -184,7 +186,7 @@ class DarkFrames:
     dark: Dark
     fixed_pattern: float  # standard deviation of the pixels' offsets, in pixel values
     clipped: float  # share of the values at 0
-    frames: int  # number of frames
+    frames: int  # number of them
 
     @property
     def is_clipped(self) -> bool:
@@ -235,7 +237,7 @@ def dark_of(frames: Frames, full_scale: float, lit: Frames | None = None) -> Dar
 
 
 def with_ambient(dark: Dark, image: npt.NDArray[np.generic], full_scale: float) -> Dark:
-    """Return `dark` with the ambient light of an image with the lens open and all LEDs off."""
+    """Add the ambient light, from an image with the lens open and all LEDs off."""
     rows, columns = image.shape
     hot = dark.hot_pixels
     if hot.size and ((hot[:, 0] >= rows) | (hot[:, 1] >= columns)).any():

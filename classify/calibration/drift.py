@@ -65,7 +65,7 @@ class Drift:
 
     causes: tuple[_DriftCause, ...]  # beyond the limit of a warning, the worst first
     level_changes: Floats  # (N,) relative to the common change; -0.1 for 10 % less light
-    brightness: float | None  # common to all lights, a multiple of the calibration's, if known
+    brightness: float | None  # ratio to that of the calibration, over all lights; None if unknown
     sheet_tilt_deg: float
     error_deg: float  # rms tilt of a level part, solved with this calibration
     residual: float  # rms of the ratios of lights that no cause explains
@@ -85,8 +85,10 @@ def plate_drift(
     *,
     brightness: float | None = None,
 ) -> Drift:
-    """Compare light images of a white matt sheet with a calibration."""
-    # `brightness` is the geometric mean of the calibration's sheet, as a share of full scale.
+    """Compare light images of a white matt sheet with a calibration.
+
+    `brightness` is the geometric mean of the calibration's sheet, as a share of full scale.
+    """
     flat_field, lighting = calibration.flat_field, calibration.lighting_of(lighting)
     if flat_field is None:
         raise InputError("the calibration has no flat field; run ps4rig calibrate plate")
@@ -103,12 +105,12 @@ def plate_drift(
     model = DriftModel(*_led_geometry(expected, blocks, lighting), x, y)
     explanation = model.explain(change)
     check_evenness(explanation.unevenness)
-    factor = None if brightness is None else math.exp(explanation.brightness)
-    causes = sorted(_causes(explanation, model, factor), key=lambda cause: -_severity(cause.status))
+    ratio = None if brightness is None else math.exp(explanation.brightness)
+    causes = sorted(_causes(explanation, model, ratio), key=lambda cause: -_severity(cause.status))
     return Drift(
         tuple(causes),
         np.expm1(explanation.levels),
-        factor,
+        ratio,
         _tilt_deg(explanation.slope),
         _error_deg(change, explanation.slope, lighting),
         explanation.residual,
@@ -167,7 +169,7 @@ def _error_deg(change: Floats, slope: Floats, lighting: Lighting) -> float:
 
 
 def _causes(
-    explanation: Explanation, model: DriftModel, brightness: float | None
+    explanation: Explanation, model: DriftModel, brightness_ratio: float | None
 ) -> Iterator[_DriftCause]:
     for light, level in enumerate(np.expm1(explanation.levels)):
         status = _status(abs(level), _LED_LEVEL)
@@ -187,11 +189,13 @@ def _causes(
             yield _leds_rotated(cause, parameters)
         elif cause.kind == "lens":
             yield from _lens(parameters)
-    if brightness is not None:
-        status = _status(max(brightness, 1.0 / brightness) - 1.0, _BRIGHTNESS_CHANGES)
+    if brightness_ratio is not None:
+        change = max(brightness_ratio, 1.0 / brightness_ratio) - 1.0
+        status = _status(change, _BRIGHTNESS_CHANGES)
         if status != "ok":
             finding = (
-                f"all lights together are {brightness:.2f} times as bright as at the calibration"
+                f"all lights together are {brightness_ratio:.2f} times as bright as at the "
+                "calibration"
             )
             advice = "set exposure, gain and aperture as they were, and check the LEDs' supply"
             yield _DriftCause("exposure", None, status, finding, advice)
@@ -236,7 +240,7 @@ def _light_moved(
 
 
 def _camera_moved(parameters: Floats) -> Iterator[_DriftCause]:
-    right, up = 0.5 * parameters[:2]
+    right, up = 0.5 * parameters[:2]  # shares of the longer side; parameters are in half of it
     rotated_deg = math.degrees(parameters[2])
     status = _worst(
         _status(math.hypot(right, up), _CAMERA_SHIFT),

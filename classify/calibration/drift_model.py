@@ -88,7 +88,7 @@ class DriftModel:
         covariance += _COMMON_SPREAD**2 * shared
         lower = cholesky(covariance, lower=True)
         self._whitener = solve_triangular(lower, identity, lower=True)
-        self._posterior = nuisances @ self._whitener.T @ self._whitener
+        self._nuisance_estimator = nuisances @ self._whitener.T @ self._whitener
         self._nuisance_changes = nuisances
         self._causes = tuple(self._all_causes())
 
@@ -97,16 +97,17 @@ class DriftModel:
         chosen: tuple[PossibleCause, ...] = ()
         score, parameters = self._fit(change, chosen, np.empty(0))
         while len(chosen) < _MAX_CAUSES:
-            extended, better, fitted = self._best(change, chosen, parameters)
-            for index in range(len(extended) - 1):
+            extended = self._best(change, chosen, parameters)
+            for index in range(len(chosen)):
                 # An earlier cause may have been a substitute for the causes chosen later.
-                others = extended[:index] + extended[index + 1 :]
-                exchanged = self._best(change, others, _without(fitted, extended, index))
-                if exchanged[1] < better:
-                    extended, better, fitted = exchanged
-            if better >= score:
+                causes, _, fitted = extended
+                others = causes[:index] + causes[index + 1 :]
+                exchanged = self._best(change, others, _without(fitted, causes, index))
+                if exchanged[1] < extended[1]:
+                    extended = exchanged
+            if extended[1] >= score:
                 break
-            chosen, score, parameters = extended, better, fitted
+            chosen, score, parameters = extended
         return self._explanation(change, chosen, parameters)
 
     def shows_moved_lights(self, angle: float) -> bool:
@@ -124,7 +125,7 @@ class DriftModel:
     def _best(
         self, change: Floats, chosen: tuple[PossibleCause, ...], parameters: Floats
     ) -> tuple[tuple[PossibleCause, ...], float, Floats]:
-        """Add the best cause to `chosen`; also return the score and all parameters."""
+        """Add the best cause to `chosen`; also return the score of `_fit` and all parameters."""
         fits = []
         for cause in self._causes:
             if cause not in chosen:
@@ -136,7 +137,7 @@ class DriftModel:
     def _fit(
         self, change: Floats, causes: Sequence[PossibleCause], start: Floats
     ) -> tuple[float, Floats]:
-        """Minus twice the log evidence of causes, up to a constant, and their parameters."""
+        """Score of causes, minus twice their log evidence up to a constant, and parameters."""
 
         def differences(scaled: Floats) -> Floats:
             """Whitened residuals, and the parameters in standard deviations."""
@@ -154,6 +155,7 @@ class DriftModel:
         return 2.0 * (fit.cost + odds) + log_determinant, fit.x * spreads
 
     def _change(self, causes: Sequence[PossibleCause], parameters: Floats) -> Floats:
+        """(N, B) sum of the changes by causes."""
         total, first = np.zeros_like(self._strengths), 0
         for cause in causes:
             last = first + len(cause.spreads)
@@ -165,7 +167,8 @@ class DriftModel:
         self, change: Floats, causes: tuple[PossibleCause, ...], parameters: Floats
     ) -> Explanation:
         unexplained = change - self._change(causes, parameters)
-        nuisances = self._posterior @ unexplained.ravel()
+        # Posterior means, in standard deviations.
+        nuisances = self._nuisance_estimator @ unexplained.ravel()
         remainder = unexplained - (nuisances @ self._nuisance_changes).reshape(unexplained.shape)
         brightness = _WHITE_SPREAD * float(nuisances[0])
         slope = _TILT_SPREAD * nuisances[1:3]

@@ -36,7 +36,7 @@ _SLOPE_RANGE = (0.02, 6.0)
 # Levels between which the light is scaled to rise by 1, as shares of the range. If they were the
 # ends of the range, a flat curve with a step at its highest level would have no residuals.
 _INNER_RANGE = (0.1, 0.9)
-_SCALE_WEIGHT = 1e3
+_SCALE_WEIGHT = 1e3  # of the equation of that rise, which the fit meets to rounding
 # Limits of the exponent of the power law below the measured values.
 _EXPONENTS = (0.25, 4.0)
 # Gamma and sRGB curves need five exposures; a sixth shows that one of them is wrong.
@@ -126,17 +126,18 @@ def _check_levels(levels: Floats, times: Floats) -> None:
             f"saturated nor black; give at least {_MIN_EXPOSURES}, the longest "
             f"{_MIN_RATIO:g} times the shortest"
         )
-    rises = np.diff(levels, axis=0)
-    steps = np.array([np.nan if np.isnan(rise).all() else np.nanmedian(rise) for rise in rises])
-    if np.isnan(steps).all():
+    rises = np.array([
+        np.nan if np.isnan(rise).all() else np.nanmedian(rise) for rise in np.diff(levels, axis=0)
+    ])  # fmt: skip
+    if np.isnan(rises).all():
         raise CalibrationRejected(
             "at any two neighbouring exposures every part of the frame is saturated or black; "
             "give exposures that differ by less"
         )
-    if np.nanmin(steps) < -_MAX_FALL:
-        worst = int(np.nanargmin(steps))
+    if np.nanmin(rises) < -_MAX_FALL:
+        worst = int(np.nanargmin(rises))
         raise CalibrationRejected(
-            f"the values fall by {-steps[worst]:.1%} of full scale where the exposure rises from "
+            f"the values fall by {-rises[worst]:.1%} of full scale where the exposure rises from "
             f"{times[worst]:g} to {times[worst + 1]:g} ms; the light changes, or the camera's gain "
             "or exposure is automatic: turn that off and keep other light away"
         )
@@ -188,21 +189,21 @@ class _Fit:
         pieces = _PIECES + _DEGREE
         # I-splines, the sums of the B-splines from the kth to the last: with factors of 0 or more
         # the curve never falls.
-        steps = BSpline(knots, np.tri(pieces)[:, 1:], _DEGREE)
-        slope = steps.derivative()
+        i_splines = BSpline(knots, np.tri(pieces)[:, 1:], _DEGREE)
+        slope = i_splines.derivative()
         filled = np.where(measured, levels, lowest)
-        terms = np.concatenate([np.ones((*levels.shape, 1)), steps(filled)], axis=-1)
+        terms = np.concatenate([np.ones((*levels.shape, 1)), i_splines(filled)], axis=-1)
         slope_terms, knot_slope_terms = slope(filled), slope(breakpoints[1:-1])
         times = times / times.max()
         # Roughness penalty: jumps of the third derivative at inner breakpoints (Dierckx 1975).
         widths = 0.5 * (breakpoints[2:] - breakpoints[:-2])
         third_derivative_jumps = np.diff(
-            steps.derivative(3)(0.5 * (breakpoints[1:] + breakpoints[:-1])), axis=0
+            i_splines.derivative(3)(0.5 * (breakpoints[1:] + breakpoints[:-1])), axis=0
         )
         roughness = np.zeros((_PIECES - 1, pieces))
         roughness[:, 1:] = _SMOOTHNESS * widths[:, None] ** 3 * third_derivative_jumps
-        # Equation that the light rises by 1 between the inner levels.
-        scale = np.r_[0.0, np.diff(steps(inner), axis=0)[0]][None] * _SCALE_WEIGHT
+        # The equation that the light rises by 1 between the inner levels.
+        scale = np.r_[0.0, np.diff(i_splines(inner), axis=0)[0]][None] * _SCALE_WEIGHT
         bounds = np.r_[0.0, np.full(pieces - 1, 1e-9)]
         slopes, knot_slopes = np.full(levels.shape, mean_slope), np.full(len(roughness), mean_slope)
         factors = np.zeros(pieces)
@@ -249,7 +250,7 @@ class _Fit:
         return bool(np.abs(self.medians).max() <= _MAX_MEDIAN and self.error <= _MAX_ERROR)
 
     def exposure_of(self, levels: Floats) -> float:
-        """The exposure, relative to the longest, that explains (n,) levels of the blocks."""
+        """The exposure, as a share of the longest, that explains (n,) levels of the blocks."""
         light = self.base + self.spline(np.clip(levels, self.lowest, self.highest))
         return float(np.nanmedian(light / self.strengths))
 
