@@ -22,7 +22,7 @@ from classify.texture.orientation import (
 from classify.texture.statistics import LocalStatistics
 from classify.texture.uniformity import Uniformity
 
-from .classifier import Classifier, Comparison, Parameters
+from . import Classifier, Comparison, Parameters
 from .joint_bounds import BLUR_BASIS, blur_coordinates, bounds
 from .joint_features import (
     SERIES,

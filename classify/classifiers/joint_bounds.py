@@ -16,7 +16,7 @@ from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
 from classify.texture.blur import EXTRAPOLATION, KNOTS_PX2, blur_penalty, min_on_path, path_products
 
-from .classifier import Parameters
+from . import Parameters
 from .joint_features import SERIES
 
 BLUR_BASIS = "blur_basis"

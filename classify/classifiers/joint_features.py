@@ -27,7 +27,7 @@ from classify.texture.statistics import (
 )
 from classify.texture.uniformity import unevenness
 
-from .classifier import Observation, Parameters
+from . import Observation, Parameters
 
 # Weights of log relief, log albedo and coherence. The coherence of two equal spectra has a quarter
 # of the variance of a logarithm of power.

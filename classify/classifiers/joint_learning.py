@@ -18,7 +18,7 @@ from classify.texture.spectra import ANGLES
 from classify.texture.statistics import QUARTERS, levels_for, statistics_length
 from classify.texture.uniformity import Uniformity, uniformity_of
 
-from .classifier import Parameters, Shape
+from . import Parameters, Shape
 from .joint_bounds import BLUR_BASIS, LOCAL_DIRECTIONS, RING_DIRECTIONS, blur_basis
 from .joint_features import (
     ALBEDO_GAINS,

@@ -16,7 +16,7 @@ from classify.texture.orientation import (
 )
 from classify.texture.spectra import ANGLES, image_spectrum, polar_radii_px, surface_spectra
 
-from .classifier import Comparison, Observation, Parameters, simple_classifier
+from . import Comparison, Observation, Parameters, simple_classifier
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,7 +20,7 @@ from classify.base.arrays import FloatMap
 from classify.base.errors import InputError
 from classify.surface.estimate import SurfaceEstimate
 
-from .classifier import Classifier, Comparison, Observation, Parameters, Shape
+from . import Classifier, Comparison, Observation, Parameters, Shape
 from .thesis import first_light, images_of
 
 FILTER_PX = 49
