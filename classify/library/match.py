@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -97,57 +97,66 @@ def match_of(
     margin = None
     if runner_up_distance is not None:
         margin = 1.0 - distance / runner_up_distance if runner_up_distance > 0.0 else 0.0
-    limit = limits.get(nearest)
-    label: str | None = nearest
     compared_px = 0.0 if comparison.blurs_px is None else float(comparison.blurs_px[winner])
-    blur_px = _blur_without(blurred_px, compared_px)
-    focus = f"{abs(blur_px):.1f} px {'blurrier' if blur_px > 0.0 else 'sharper'}"
-    if margin == 0.0:
-        label, reason = None, f"{nearest} and {runner_up} are equally near"
-    elif not _ROUNDING_PX - MAX_SHARPER_PX < compared_px < MAX_BLURRIER_PX - _ROUNDING_PX:
-        label, reason = None, f"out of focus: {focus} than {nearest} or more, too much to compare"
-    else:
-        reason = f"distance {distance:.2f} to {nearest}"
-        if limit is not None and distance > limit:
-            label = None
-            reason += f" exceeds its limit {limit:.2f}"
-        elif limit is not None:
-            reason += f", limit {limit:.2f}"
-        if abs(blur_px) >= _MIN_REPORTED_PX:
-            reason += f", {focus}"
-        if margin is not None and runner_up is not None and runner_up_distance is not None:
-            reason += f"; next is {runner_up} at {runner_up_distance:.2f}"
-            if label is not None and limit is not None and margin < MIN_MARGIN:
-                label = None
-                reason += ", too close to decide"
-    class_uniformity = uniformity.get(nearest)
-    if label is not None and class_uniformity == "no texture":
-        reason += f"; {uniformity_remarks({label: class_uniformity})[0]}"
-    orientation_deg = heading_deg = sharpness = None
-    if comparison.orientations_deg is not None:
-        sum_deg = float(orientations_deg[winner] + comparison.orientations_deg[winner])
-        # Rounded first: -1e-12 is 0, not 180 - 1e-12.
-        orientation_deg = round(sum_deg, 6) % 180.0
-        scores = comparison.heading_scores
-        if scores is not None and abs(scores[winner]) >= MIN_SCORE:
-            heading_deg = round(sum_deg + 180.0 * (scores[winner] < 0.0), 6) % 360.0
-    if comparison.sharpness is not None:
-        sharpness = float(comparison.sharpness[winner])
-    return Match(
-        label=label,
+    orientation_deg, heading_deg = _orientation(comparison, winner, float(orientations_deg[winner]))
+    match = Match(
+        label=nearest,
         nearest=nearest,
         orientation_deg=orientation_deg,
         distance=distance,
         runner_up=runner_up,
         runner_up_distance=runner_up_distance,
         margin=margin,
-        limit=limit,
-        sharpness=sharpness,
-        reason=reason,
+        limit=limits.get(nearest),
+        sharpness=None if comparison.sharpness is None else float(comparison.sharpness[winner]),
         heading_deg=heading_deg,
-        blur_px=None if comparison.blurs_px is None else blur_px,
-        class_uniformity=class_uniformity,
+        blur_px=None if comparison.blurs_px is None else _blur_without(blurred_px, compared_px),
+        class_uniformity=uniformity.get(nearest),
     )
+    is_comparable = _ROUNDING_PX - MAX_SHARPER_PX < compared_px < MAX_BLURRIER_PX - _ROUNDING_PX
+    is_known, reason = _verdict(match, is_comparable=is_comparable)
+    return replace(match, label=nearest if is_known else None, reason=reason)
+
+
+def _orientation(
+    comparison: Comparison, winner: int, reference_deg: float
+) -> tuple[float | None, float | None]:
+    """Orientation and heading by the nearest reference, whose orientation is `reference_deg`."""
+    if comparison.orientations_deg is None:
+        return None, None
+    sum_deg = reference_deg + float(comparison.orientations_deg[winner])
+    heading_deg, scores = None, comparison.heading_scores
+    if scores is not None and abs(scores[winner]) >= MIN_SCORE:
+        heading_deg = round(sum_deg + 180.0 * (scores[winner] < 0.0), 6) % 360.0
+    # Rounded first: -1e-12 is 0, not 180 - 1e-12.
+    return round(sum_deg, 6) % 180.0, heading_deg
+
+
+def _verdict(match: Match, *, is_comparable: bool) -> tuple[bool, str]:
+    """Whether the surface is known, and the reason; one too far out of focus is not comparable."""
+    blur_px = match.blur_px or 0.0
+    focus = f"{abs(blur_px):.1f} px {'blurrier' if blur_px > 0.0 else 'sharper'}"
+    if match.margin == 0.0:
+        return False, f"{match.nearest} and {match.runner_up} are equally near"
+    if not is_comparable:
+        return False, f"out of focus: {focus} than {match.nearest} or more, too much to compare"
+    is_known = True
+    reason = f"distance {match.distance:.2f} to {match.nearest}"
+    if match.limit is not None:
+        is_known = match.distance <= match.limit
+        reason += ", limit" if is_known else " exceeds its limit"
+        reason += f" {match.limit:.2f}"
+    if abs(blur_px) >= _MIN_REPORTED_PX:
+        reason += f", {focus}"
+    if match.runner_up is not None:
+        reason += f"; next is {match.runner_up} at {match.runner_up_distance:.2f}"
+    is_close = match.margin is not None and match.margin < MIN_MARGIN
+    if is_known and is_close and match.limit is not None:
+        is_known = False
+        reason += ", too close to decide"
+    if is_known and match.class_uniformity == "no texture":
+        reason += f"; {uniformity_remarks({match.nearest: match.class_uniformity})[0]}"
+    return is_known, reason
 
 
 def _blur_without(blurred_px: float, compared_px: float) -> float:
