@@ -108,16 +108,11 @@ class _Header(BaseModel):
     sha256: str  # of the other fields and of the arrays
 
 
-def _check_path(path: Path) -> None:
-    """Check before the work that a library can be written to `path`, by suffix and folder."""
+def write(path: Path, library: TextureLibrary) -> None:
+    """Write a library to `path`, whole or not at all; InputError if its name or folder is wrong."""
     if path.suffix != SUFFIX:
         raise LibraryError(f"{path}: the name of a texture library must end in {SUFFIX}")
     require_folder(path)
-
-
-def write(path: Path, library: TextureLibrary) -> None:
-    """Write a library to `path`, whole or not at all; raises as `_check_path`."""
-    _check_path(path)
     lighting = library.lighting
     header = _Header(
         classifier=library.classifier,
@@ -150,13 +145,13 @@ def _sha256(header: _Header, arrays: Mapping[str, Array]) -> str:
     return arrays_sha256(header.model_dump_json(exclude={"sha256"}), arrays)
 
 
-def read(path: Path, kind: type[_Library], *, map_from_bytes: int = MAP_FROM_BYTES) -> _Library:
-    """Read a library as an object of `kind`; LibraryError names the file."""
+def read(path: Path, library: type[_Library], *, map_from_bytes: int = MAP_FROM_BYTES) -> _Library:
+    """Read a library; LibraryError names the file."""
     with open_archive(path, _KIND, map_from_bytes=map_from_bytes) as archive:
-        return _read(archive, kind)
+        return _read(archive, library)
 
 
-def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
+def _read(archive: ArrayArchive, library: type[_Library]) -> _Library:
     header = archive.header(_Header)
     if header.classifier not in CLASSIFIER_NAMES:
         raise LibraryError(
@@ -189,7 +184,7 @@ def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
         lighting = None if directions is None else Lighting(np.array(directions))
     except InputError as error:
         raise LibraryError(f"{error}; train it again") from error
-    library = kind(
+    loaded = library(
         classifier=header.classifier,
         labels=tuple(header.classes[index] for index in indices.tolist()),
         orientations_deg=arrays["orientations_deg"],
@@ -207,8 +202,8 @@ def _read(archive: ArrayArchive, kind: type[_Library]) -> _Library:
     )
     if "invariants" in arrays:
         # Sets the cached property, which would otherwise compute them again.
-        vars(library)["invariants"] = arrays["invariants"]
-    return library
+        vars(loaded)["invariants"] = arrays["invariants"]
+    return loaded
 
 
 def _parameters(archive: ArrayArchive) -> dict[str, Array]:
