@@ -155,16 +155,16 @@ def symmetric_samples(size: int, step: int) -> Indices:
 
 
 _MAX_SAMPLES = 16_384
-# Number of groups of samples by brightness, of which the least variance counts.
+# Number of groups of samples by brightness: the least variance of a group counts.
 _GROUPS = 4
 # Least number of samples in a group: fewer do not determine their variance.
 _GROUP_SAMPLES = 256
 # Least numbers of levels, and of values for each, that determine the step of the rounding.
 _MIN_LEVELS, _MIN_VALUES_OF_A_LEVEL = 32, 4
-# Of this many pixels the flattest one counts as level. In the flattest tenth of a rock slopes reach
+# One pixel in this many, the flattest, counts as level. In the flattest tenth of a rock slopes reach
 # 0.3, and highlights no longer cancel (test_gloss_is_not_taken_for_noise).
 _LEVEL_PIXEL_DIVISOR = 32
-# Least distance at which demosaicing and image compression do not correlate the noise.
+# Least distance of two pixels between which demosaicing and compression do not correlate the noise.
 _APART_PX = 2
 # Standard normal deviates: of the tenth with the smallest residuals, and 3 sigma of chi-squared
 # with one degree of freedom (9.0 in `chi_squared`), beyond which a residual is not noise.
@@ -242,45 +242,45 @@ def noise_of_images(stack: ImageStack, gains: FloatMap, lighting: Lighting) -> f
         return rounding
     # The left null space of L, as orthonormal rows.
     cancelling = np.linalg.svd(lighting.directions.T)[2][3:].astype(np.float32)
-    shape = stack.shape
 
     def sampled(pixels: Indices) -> tuple[FloatMap, BoolArray]:
         values = stack.values_at(pixels)
         values *= gains[:, None]
         return values, values.min(axis=0) > MAYBE_SHADOW * values.max(axis=0)
 
-    def least_variance(energies: FloatMap, brightness: FloatMap, in_light: BoolArray) -> float:
-        if np.count_nonzero(in_light) >= _GROUP_SAMPLES:
-            energies, brightness = energies[in_light], brightness[in_light]
-        groups = min(_GROUPS, max(1, energies.size // _GROUP_SAMPLES))
-        # Equal brightness is one group, whatever the order of the pixels.
-        ends = energies.size * np.arange(1, groups + 1) // groups - 1
-        edges = [-math.inf, *np.sort(brightness)[ends].tolist()]
-        members = [(low < brightness) & (brightness <= high) for low, high in pairwise(edges)]
-        sizes = [int(np.count_nonzero(group)) for group in members]
-        return min(
-            _variance(energies.compress(group), freedom, rounding**2)
-            for group, size in zip(members, sizes, strict=True)
-            if size >= max(max(sizes) // 2, 1)
-        )
-
-    values, in_light = sampled(sample_pixels(shape, _MAX_SAMPLES))
+    values, in_light = sampled(sample_pixels(stack.shape, _MAX_SAMPLES))
     energies = np.square(cancelling @ values).sum(axis=0)
-    variance = least_variance(energies, values.sum(axis=0), in_light)
+    groups = _brightness_groups(energies, values.sum(axis=0), in_light)
     flattest = _flattest(values[:, in_light], lighting)
     if flattest is not None:
-        variance = min(variance, _variance(energies[in_light][flattest], freedom, rounding**2))
-    # Pairs of pixels on both sides of a sample, in its row and in its column.
-    middles = sample_pixels(shape, _MAX_SAMPLES // 2, _APART_PX // 2)
-    offsets = np.repeat(np.array([1, shape[1]]) * (_APART_PX // 2), middles.size)
+        groups.append(energies[in_light][flattest])
+    # Differences of pairs of pixels on both sides of a sample, in its row and in its column, have
+    # twice the variance of the noise.
+    middles = sample_pixels(stack.shape, _MAX_SAMPLES // 2, _APART_PX // 2)
+    offsets = np.repeat(np.array([1, stack.shape[1]]) * (_APART_PX // 2), middles.size)
     middles = np.tile(middles, 2)
     values, in_light = sampled(middles - offsets)
     others, others_in_light = sampled(middles + offsets)
     if middles.size >= _GROUP_SAMPLES:
         energies = 0.5 * np.square(cancelling @ (values - others)).sum(axis=0)
         brightness = (values + others).sum(axis=0)
-        variance = min(variance, least_variance(energies, brightness, in_light & others_in_light))
-    return math.sqrt(variance)
+        groups += _brightness_groups(energies, brightness, in_light & others_in_light)
+    return math.sqrt(min(_variance(group, freedom, rounding**2) for group in groups))
+
+
+def _brightness_groups(
+    energies: FloatMap, brightness: FloatMap, in_light: BoolArray
+) -> list[FloatMap]:
+    """Split (n,) energies by brightness; of enough lit samples, only these count."""
+    if np.count_nonzero(in_light) >= _GROUP_SAMPLES:
+        energies, brightness = energies[in_light], brightness[in_light]
+    count = min(_GROUPS, max(1, energies.size // _GROUP_SAMPLES))
+    # Equal brightness is one group, whatever the order of the pixels.
+    ends = energies.size * np.arange(1, count + 1) // count - 1
+    edges = [-math.inf, *np.sort(brightness)[ends].tolist()]
+    groups = [energies[(low < brightness) & (brightness <= high)] for low, high in pairwise(edges)]
+    largest = max(group.size for group in groups)
+    return [group for group in groups if group.size >= max(largest // 2, 1)]
 
 
 def _rounding_step(images: Array) -> float:

@@ -84,7 +84,7 @@ class Lighting:
         for light, direction in enumerate(directions.tolist()):
             if fault := light_fault(direction, intensities[light]):
                 raise InputError(f"light {light} {fault}")
-        # Plus zero turns -0.0 into 0.0, so that equal lights have equal bytes and hashes.
+        # Adding 0.0 turns -0.0 into 0.0, so that equal lights have equal bytes and hashes.
         directions = directions / np.linalg.norm(directions, axis=1)[:, None] + 0.0
         if self.positions_px is not None:
             positions, directions = _positions(self.positions_px, directions)
@@ -216,11 +216,12 @@ def orientation_near(orientation_deg: float, near_deg: float) -> float:
 
 
 def orientation_text(orientation_deg: float, digits: int, period_deg: float = 180.0) -> str:
-    """Return an orientation with so many decimals: 179.98 rounds to 0.0, not to 180.0."""
+    """Format an orientation with `digits` decimals: 179.98 becomes 0.0, not 180.0."""
     return f"{round(orientation_deg, digits) % period_deg:.{digits}f}"
 
 
 def _numbers(values: npt.ArrayLike, name: str) -> Floats:
+    """Copy numbers as float64; `name` is for the message."""
     try:
         return np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:
@@ -261,7 +262,7 @@ def _rounded(degrees: Floats) -> Floats:
 
 def angles_between_deg(vectors: npt.ArrayLike, others: npt.ArrayLike) -> Floats:
     """Angles in degrees between (..., 3) vectors of any length and their counterparts."""
-    one, other = (np.asarray(each, np.float64) for each in (vectors, others))
+    a, b = np.asarray(vectors, np.float64), np.asarray(others, np.float64)
     # atan2 keeps small angles, which the cosine loses.
-    across = np.linalg.norm(np.cross(one, other), axis=-1)
-    return np.asarray(np.degrees(np.arctan2(across, (one * other).sum(axis=-1))), np.float64)
+    across = np.linalg.norm(np.cross(a, b), axis=-1)
+    return np.asarray(np.degrees(np.arctan2(across, (a * b).sum(axis=-1))), np.float64)
