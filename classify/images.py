@@ -161,8 +161,8 @@ _GROUPS = 4
 _GROUP_SAMPLES = 256
 # Least numbers of levels, and of values for each, that determine the step of the rounding.
 _MIN_LEVELS, _MIN_VALUES_OF_A_LEVEL = 32, 4
-# One pixel in this many, the flattest, counts as level. In the flattest tenth of a rock slopes reach
-# 0.3, and highlights no longer cancel (test_gloss_is_not_taken_for_noise).
+# One pixel in this many, the flattest, counts as level. In the flattest tenth of a rock slopes
+# reach 0.3, and highlights no longer cancel (test_gloss_is_not_taken_for_noise).
 _LEVEL_PIXEL_DIVISOR = 32
 # Least distance of two pixels between which demosaicing and compression do not correlate the noise.
 _APART_PX = 2
