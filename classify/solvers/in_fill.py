@@ -32,7 +32,7 @@ for _index, (_j, _k) in enumerate(_PAIRS):
 _FIRST_DARK = np.array([3, *(int(b & -b).bit_length() - 1 for b in range(1, 16))], np.uint8)
 
 
-def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
+def in_fill(problem: Problem, maps: Maps) -> None:
     """Complete the maps in place where `Maps.unlit` is not 0.
 
     Pixels in two unsaturated lights become valid.
@@ -52,12 +52,9 @@ def in_fill(problem: Problem, maps: Maps, strip_px: int) -> None:
     planes = maps.p, maps.q, maps.albedo
     weights = neighbour_weights(*planes, unlit, _corners(problem.shape))
     albedo_weight, curl_weight = map(np.float32, weights)  # compiled functions return float
-    # A step takes 25 ns per pixel, and passing a part to a thread 25 us: shorter parts would cost
-    # as much as they save.
-    part = max(1, strip_px // 32)
-    link(unsolved, unlit, curl_weight, *planes, part)
-    grow(unsolved, albedo_weight, part)
-    relax(unsolved, albedo_weight, curl_weight, part)
+    link(unsolved, unlit, curl_weight, *planes)
+    grow(unsolved, albedo_weight)
+    relax(unsolved, albedo_weight, curl_weight)
     written = (*planes, maps.valid, maps.repaired, maps.left_out)
     _write(unsolved.values, unsolved.layers, pixels, bits, *(plane.ravel() for plane in written))
 

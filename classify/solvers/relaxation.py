@@ -168,7 +168,7 @@ def _moved_along_line(
     return (slope_x, slope_y, length), (bz >= _MIN_NZ * length) & (after <= error)
 
 
-def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
+def grow(unsolved: Unsolved, albedo_weight: np.float32) -> None:
     """Initialise unsolved pixels layer by layer, each from the mean of its neighbours."""
 
     def grow_part(layer: int, counts: list[int], first: int, last: int) -> None:
@@ -181,15 +181,13 @@ def grow(unsolved: Unsolved, albedo_weight: np.float32, strip_px: int) -> None:
 
     for layer in range(1, _REACH_PX + 1):
         counts: list[int] = []
-        unsolved.run(partial(grow_part, layer, counts), strip_px)
+        unsolved.run(partial(grow_part, layer, counts))
         if not any(counts):
             break
     _skip_edges(unsolved.neighbours, unsolved.pairs, unsolved.layers)
 
 
-def relax(
-    unsolved: Unsolved, albedo_weight: np.float32, curl_weight: np.float32, strip_px: int
-) -> None:
+def relax(unsolved: Unsolved, albedo_weight: np.float32, curl_weight: np.float32) -> None:
     """Minimise squared differences of neighbours, and squared curl, over the unsolved pixels."""
     # Chebyshev semi-iteration (Golub and Varga 1961) on the equations of `link`: all pixels move at
     # once, so no direction is preferred. The largest eigenvalue is the weighted mean of 2, of
@@ -209,7 +207,7 @@ def relax(
         )  # fmt: skip
 
     for _ in range(_ITERATIONS):
-        unsolved.run(move_part, strip_px)
+        unsolved.run(move_part)
         values, new_values = new_values, values
         previous, ratio = ratio, 1.0 / (2.0 * middle / radius - ratio)
         step, momentum = np.float32(2.0 * ratio / radius), np.float32(ratio * previous)

@@ -11,7 +11,6 @@ import numpy as np
 
 from classify.base.arrays import Array
 from classify.base.compiling import kernel
-from classify.base.threads import STRIP_PX
 from classify.images import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.lights.led_levels import LEVEL_SAMPLES, LitSamples, level_corrections, residual_spread
@@ -44,7 +43,7 @@ _FLAT_SQUARED_SLOPE = np.float32(1e-4)
 _TINY = np.float32(1e-30)
 
 
-def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
+def solve_ps4_robust(problem: Problem) -> Maps:
     """Least squares of four lights without the one that disagrees with the others."""
     # LED levels that were not given are estimated first.
     pinv, null = drop_one_constants(problem.lighting, "ps4_robust")
@@ -74,8 +73,8 @@ def solve_ps4_robust(problem: Problem, strip_px: int = STRIP_PX) -> Maps:
             maps.left_out, maps.highlights, maps.unlit,
         )  # fmt: skip
 
-    solve_strips(balanced, maps, solve, strip_px)
-    in_fill(balanced, maps, strip_px)
+    solve_strips(balanced, maps, solve)
+    in_fill(balanced, maps)
     correct_for_near_lights(balanced, maps)
     return maps
 

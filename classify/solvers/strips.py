@@ -198,7 +198,6 @@ def solve_strips(
     problem: Problem,
     maps: Maps,
     solve: _Solve,
-    strip_px: int | None = None,
     *,
     from_all_lights: bool = False,
 ) -> None:
@@ -207,21 +206,22 @@ def solve_strips(
     The maps are corrected for near lights. Methods that fill in do that later, by
     `correct_for_near_lights`.
     """
-    rows, done = problem.shape[0], list[int]()
+    rows, solved_rows = problem.shape[0], list[int]()
     # Cached properties are computed here, before the threads start, so that only one computes them.
     problem.dark_albedo, problem.shear, problem.plane_px  # noqa: B018
 
     def solve_strip(first: int, last: int) -> None:
         if problem.shear is not None or isinstance(problem.stack, DividedStack):
-            solve_prepared(problem.stack.rows(first, last), maps.rows(first, last), first)
+            solve_copy(problem.stack.rows(first, last), maps.rows(first, last), first)
         else:
             solve(problem.stack, maps, first, last)
             _judge_dark_pixels(problem, problem.stack, maps, first, last)
-        done.append(last - first)
+        solved_rows.append(last - first)
         if problem.on_progress is not None:
-            problem.on_progress(sum(done) / rows)
+            problem.on_progress(sum(solved_rows) / rows)
 
-    def solve_prepared(stack: ImageStack, maps: Maps, first: int) -> None:
+    def solve_copy(stack: ImageStack, maps: Maps, first: int) -> None:
+        """Solve a copy of some rows, which is divided by the flat field and less the excess."""
         height = len(maps.p)
         near = _NearRows.of(problem, first, height)
         if near is not None:
@@ -234,7 +234,7 @@ def solve_strips(
         if near is not None and maps.unlit is None:
             near.correct(maps)
 
-    run_on_rows(solve_strip, problem.shape, strip_px or 4 * STRIP_PX // len(problem.lighting))
+    run_on_rows(solve_strip, problem.shape, 4 * STRIP_PX // len(problem.lighting))
 
 
 def correct_for_near_lights(problem: Problem, maps: Maps) -> None:
@@ -242,8 +242,8 @@ def correct_for_near_lights(problem: Problem, maps: Maps) -> None:
 
     def correct(first: int, last: int) -> None:
         near = _NearRows.of(problem, first, last - first)
-        if near is not None:
-            near.correct(maps.rows(first, last))
+        assert near is not None
+        near.correct(maps.rows(first, last))
 
     if problem.shear is not None:
         run_on_rows(correct, problem.shape)

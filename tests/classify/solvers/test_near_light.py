@@ -132,14 +132,18 @@ def test_lights_out_of_one_plane_give_the_surface_in_shadow_as_well(
     assert error[surface.valid & shadowed].mean() < 4e-3
 
 
-def test_strips_of_one_row_give_the_surface_of_the_whole_frame() -> None:
+def test_strips_of_one_row_give_the_surface_of_the_whole_frame(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     lighting = near(RING, 2.0 * np.array([1.0, 1.1, 0.95, 1.05]))
     images = lit_by(lighting, *slopes(4, 0.3))
     images[0, :, ::5] *= 0.02
     stack = ImageStack(images, None)
     problem = Problem(stack, lighting, None, SensorNoise(1e9, 1e-4), np.float32(np.inf))
     whole = solve_ps4_robust(problem)
-    rows = solve_ps4_robust(problem, strip_px=SHAPE[1])
+    monkeypatch.setattr("classify.solvers.strips.STRIP_PX", SHAPE[1])
+    monkeypatch.setattr("classify.solvers.unsolved.PART_PIXELS", 8)
+    rows = solve_ps4_robust(problem)
     for name in ("p", "q", "albedo", "valid"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(rows, name))
 

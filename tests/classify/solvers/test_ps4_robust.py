@@ -121,7 +121,7 @@ def test_the_inside_of_a_large_black_area_is_not_filled_in() -> None:
     assert surface.repaired[21, 50]
 
 
-def test_the_result_does_not_depend_on_threads_or_strips() -> None:
+def test_the_result_does_not_depend_on_threads_or_strips(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(1)
     values = WHITE * shading(*waves(0.6)) + rng.normal(0, 2.0, (4, SIDE, SIDE))
     values[rng.random(values.shape) < 0.2] = 0.0
@@ -129,7 +129,9 @@ def test_the_result_does_not_depend_on_threads_or_strips() -> None:
     problem = Problem(stack, RING, None, SensorNoise(1e9, 2.0), np.float32(np.inf))
     whole = solve_ps4_robust(problem)
     set_thread_count(3)
-    strips = solve_ps4_robust(problem, strip_px=2 * SIDE)
+    monkeypatch.setattr("classify.solvers.strips.STRIP_PX", 2 * SIDE)
+    monkeypatch.setattr("classify.solvers.unsolved.PART_PIXELS", 8)
+    strips = solve_ps4_robust(problem)
     assert whole.repaired.mean() > 0.1
     for name in ("p", "q", "albedo", "left_out", "valid", "repaired"):
         np.testing.assert_array_equal(getattr(whole, name), getattr(strips, name))
