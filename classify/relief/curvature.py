@@ -15,9 +15,10 @@ CURVATURE_SCALE_PX = 1.0
 _MIN_CURVATURE_SCALE_PX = 0.5
 # Weights beyond this many standard deviations are below 4e-4 of the middle one.
 _REACH = 4.0
-# Pixels of one strip of rows: its maps stay in the cache, and memory does not grow with the image.
-_STRIP_PX = 1 << 16
-# In units of scale^2; has an effect only where the valid neighbours lie on a line or at a point.
+STRIP_PX = 1 << 16
+"""Pixels of a strip of rows: its maps stay in the cache; memory does not grow with the frame."""
+# Ridge of the fitted planes, in units of scale^2; it has an effect only where the valid neighbours
+# lie on a line or at a point.
 _RIDGE = 1e-4
 
 
@@ -40,9 +41,7 @@ class Curvature:
     gaussian: FloatMap
 
 
-def surface_curvature(
-    surface: SurfaceEstimate, scale_px: float = CURVATURE_SCALE_PX, *, strip_px: int = _STRIP_PX
-) -> Curvature:
+def surface_curvature(surface: SurfaceEstimate, scale_px: float = CURVATURE_SCALE_PX) -> Curvature:
     """Mean and Gaussian curvature of the surface z(x, y) from its gradients.
 
     Parameters
@@ -54,8 +53,6 @@ def surface_curvature(
         standard deviation s in the slopes becomes s / (scale^2 sqrt(8 pi)) in a derivative, 0.2 s
         at scale 1. A wave of length L is weakened by exp(-2 (pi scale / L)^2), 0.73 at 8 px and
         scale 1.
-    strip_px
-        Pixels of the strips of rows in which the work is done; changes no result.
 
     Raises
     ------
@@ -90,7 +87,7 @@ def surface_curvature(
         )
     rows, columns = surface.shape
     reach = int(np.ceil(_REACH * scale_px))
-    height = max(4 * reach, strip_px // max(columns, 1))
+    height = max(4 * reach, STRIP_PX // max(columns, 1))
     mean, gaussian = (np.empty(surface.shape, np.float32) for _ in range(2))
     for first in range(0, rows, height):
         top, last = max(0, first - reach), min(rows, first + height)
@@ -104,6 +101,7 @@ def surface_curvature(
 def _curvature(
     p: FloatMap, q: FloatMap, valid: BoolArray, scale_px: float, reach: int
 ) -> tuple[FloatMap, FloatMap]:
+    """H and K of a strip; `reach` is the half width of the Gaussian, px."""
     p, q = np.where(valid, p, np.float32(0.0)), np.where(valid, q, np.float32(0.0))
     if not (np.isfinite(p).all() and np.isfinite(q).all()):
         raise InputError("the gradients contain NaN or infinity; mark such pixels as not valid")

@@ -135,11 +135,12 @@ def test_invalid_pixels_have_no_effect(of: SurfaceOf) -> None:
     np.testing.assert_allclose(found.gaussian[valid] * radius**2, 1.0, rtol=0.04)
 
 
-def test_strips_leave_no_seams(of: SurfaceOf) -> None:
+def test_strips_leave_no_seams(of: SurfaceOf, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
     surface = of(tuple(rng.standard_normal((2, 150, 37))))
     whole = surface_curvature(surface)
-    cut = surface_curvature(surface, strip_px=1)
+    monkeypatch.setattr("classify.relief.curvature.STRIP_PX", 1)
+    cut = surface_curvature(surface)
     np.testing.assert_allclose(cut.mean, whole.mean, atol=1e-6)
     np.testing.assert_allclose(cut.gaussian, whole.gaussian, atol=1e-6)
 
