@@ -53,9 +53,10 @@ class Shear:
         return cls(*(values.astype(np.float32) for values in (plane, excess, inverse)))
 
 
-def middle_px(count: int) -> FloatMap:
-    """Coordinates of columns from the middle of the frame, px; negate for rows."""
-    return (np.arange(count) - 0.5 * (count - 1)).astype(np.float32)
+def coordinates_px(shape: tuple[int, int]) -> tuple[FloatMap, FloatMap]:
+    """(W,) x of the columns and (H,) y of the rows of a frame, from its middle, px."""
+    rows, columns = ((np.arange(side) - 0.5 * (side - 1)).astype(np.float32) for side in shape)
+    return columns, -rows
 
 
 def sheet_of(

@@ -9,7 +9,7 @@ import numpy as np
 from classify.base.arrays import BoolArray, FloatMap, Floats
 from classify.base.errors import InputError
 from classify.calibration.calibration import CalibratedLights
-from classify.lights.near_light import middle_px
+from classify.lights.near_light import coordinates_px
 from classify.surface.estimate import SurfaceEstimate
 
 from .height import integrate_gradients
@@ -248,8 +248,8 @@ def common_error(
     p, q, albedo = (
         plane[sample][valid].astype(np.float64) for plane in (surface.p, surface.q, surface.albedo)
     )
-    rows, columns = (middle_px(side).astype(np.float64)[::step] for side in surface.shape)
-    y, x = (plane[valid] for plane in np.meshgrid(-rows, columns, indexing="ij"))
+    axes = (axis.astype(np.float64)[::step] for axis in coordinates_px(surface.shape))
+    x, y = (plane[valid] for plane in np.meshgrid(*axes))
     b, sdq = np.stack([-p, -q, np.ones_like(p)]), math.sqrt(float(np.mean(p * p + q * q)))
     weights = np.linalg.pinv(lighting.directions)
     mean_variances, slope_variance, sdq_variance = np.zeros(2), 0.0, 0.0

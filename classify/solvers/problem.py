@@ -11,7 +11,7 @@ import numpy.typing as npt
 from classify.base.arrays import Array, BoolArray, FloatMap
 from classify.images import ImageStack, SensorNoise, noise_of_images, noise_of_sensor
 from classify.lighting import Lighting
-from classify.lights.near_light import Shear, middle_px
+from classify.lights.near_light import Shear
 
 # Largest standard error of a valid slope. Most surfaces are flatter than that, so that their mean
 # slope is a better estimate than a slope with a larger error.
@@ -78,12 +78,6 @@ class Problem:
     def shear(self) -> Shear | None:
         """`Shear` of near lights; None for distant lights."""
         return None if self.lighting.positions_px is None else Shear.of(self.lighting)
-
-    @cached_property
-    def plane_px(self) -> tuple[FloatMap, FloatMap]:
-        """(W,) x of the columns and (H,) y of the rows, from the middle of the frame."""
-        rows, columns = self.shape
-        return middle_px(columns), -middle_px(rows)
 
     @cached_property
     def gains(self) -> FloatMap:

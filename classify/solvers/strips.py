@@ -16,7 +16,7 @@ from classify.base.compiling import kernel
 from classify.base.threads import STRIP_PX, run_on_rows
 from classify.images import ImageStack
 from classify.lights.flat_field import DividedStack
-from classify.lights.near_light import Shear
+from classify.lights.near_light import Shear, coordinates_px
 from classify.shadow_rule import MIN_NORMAL_Z, SHADOW_FLOOR, SHADOW_FRACTION
 
 from .problem import Maps, Problem
@@ -50,7 +50,7 @@ class _NearRows:
         if problem.shear is None:
             return None
         rows, columns = problem.shape
-        x, y = problem.plane_px
+        x, y = coordinates_px(problem.shape)
         largest = float(np.abs(problem.shear.excess).max()) * 0.5 * float(np.hypot(rows, columns))
         is_large = largest >= _LARGE_EXCESS
         buffer_rows = 0 if largest < _LEAST_EXCESS else height if is_large else 1
@@ -208,7 +208,7 @@ def solve_strips(
     """
     rows, solved_rows = problem.shape[0], list[int]()
     # Cached properties are computed here, before the threads start, so that only one computes them.
-    problem.dark_albedo, problem.shear, problem.plane_px  # noqa: B018
+    problem.dark_albedo, problem.shear  # noqa: B018
 
     def solve_strip(first: int, last: int) -> None:
         if problem.shear is not None or isinstance(problem.stack, DividedStack):

@@ -15,7 +15,7 @@ from classify.base.threads import run_on_rows
 from classify.images import ImageStack, sample_pixels
 from classify.lighting import Lighting
 from classify.lights.flat_field import DividedStack, FlatField
-from classify.lights.near_light import Shear, middle_px
+from classify.lights.near_light import Shear, coordinates_px
 
 from .diagnostics import compare_with_prediction, find_darkest, fit_residual, highlight_limits
 
@@ -137,7 +137,7 @@ class SurfaceEstimate:
         directions = lighting.directions.astype(np.float32)
         weights = np.linalg.pinv(lighting.directions).astype(np.float32)
         residual = np.empty(self.shape, np.float32)
-        shear, (x, y) = Shear.of(lighting), self._plane_px
+        shear, (x, y) = Shear.of(lighting), coordinates_px(self.shape)
 
         def fit(first: int, last: int) -> None:
             fit_residual(
@@ -269,7 +269,7 @@ class SurfaceEstimate:
         shadow_count, highlights = np.empty(self.shape, np.uint8), np.empty(self.shape, np.bool_)
         pixels = sample_pixels(self.shape, _SAMPLES)
         pixels = pixels[self.valid.ravel()[pixels]]
-        inverse_distances, (x, y) = Shear.of(lighting).inverse_distances, self._plane_px
+        inverse_distances, (x, y) = Shear.of(lighting).inverse_distances, coordinates_px(self.shape)
         limits = highlight_limits(
             stack.values_at(pixels) * self._gains[:, None], directions, inverse_distances,
             x[pixels % len(x)], y[pixels // len(x)],
@@ -314,11 +314,6 @@ class SurfaceEstimate:
     @property
     def _saturated_value(self) -> float | None:
         return self.full_scale if self.saturation is None else self.saturation
-
-    @property
-    def _plane_px(self) -> tuple[FloatMap, FloatMap]:
-        """X of the columns and y of the rows."""
-        return middle_px(self.shape[1]), -middle_px(self.shape[0])
 
     @property
     def _gains(self) -> FloatMap:

@@ -17,7 +17,7 @@ from classify.base.arrays import Array, FloatMap, Floats, Indices
 from classify.base.threads import STRIP_PX, run_on_rows
 from classify.images import ImageStack, sample_pixels
 from classify.lighting import Lighting
-from classify.lights.near_light import Shear, middle_px
+from classify.lights.near_light import Shear, coordinates_px
 from classify.shadow_rule import MAYBE_SHADOW, NO_DROPPED_LIGHT
 
 from .deviation_kernels import (
@@ -73,7 +73,7 @@ def with_deviations(
     maps = np.empty((4, *shape), np.float32)
     light_plane = Shear.of(lighting).plane  # of near lights, per px; 0 if distant
     lights, corrections, unit_covariances = _constants(lighting, gains)
-    x, y = middle_px(shape[1]), -middle_px(shape[0])
+    x, y = coordinates_px(shape)
     saturation = np.float32(surface.full_scale or np.inf)
     leaves_out = surface.method != "least_squares"
     # Other methods have no fitted factor: their lobes are those of the solved slopes.
@@ -184,7 +184,8 @@ def _model_errors(solution: _Solution) -> tuple[FloatMap, Floats]:
     residual_projector: FloatMap = np.eye(light_count, dtype=np.float32) - directions @ pinv
     residuals = residual_projector @ values
     noise_square = np.diag(residual_projector) @ variances  # expected sum of squared residuals
-    x, y = middle_px(shape[1])[pixels % shape[1]], -middle_px(shape[0])[pixels // shape[1]]
+    x_of_columns, y_of_rows = coordinates_px(shape)
+    x, y = x_of_columns[pixels % shape[1]], y_of_rows[pixels // shape[1]]
     positions = np.stack([x, y, np.zeros_like(x)])
     inverse_distances = Shear.of(lighting).inverse_distances[:, None, None]
     light_vectors = directions[:, :, None] - inverse_distances * positions

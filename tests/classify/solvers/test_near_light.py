@@ -12,7 +12,7 @@ from classify import InputError, Lighting, Method, SurfaceEstimate, photometric_
 from classify.classifiers.thesis import images_of
 from classify.images import ImageStack, SensorNoise
 from classify.lights.flat_field import FlatField
-from classify.lights.near_light import Shear, middle_px, sheet_of
+from classify.lights.near_light import Shear, coordinates_px, sheet_of
 from classify.solvers.problem import Problem
 from classify.solvers.robust import solve_ps4_robust
 
@@ -37,7 +37,7 @@ def lit_by(
 
     The strength at the middle of the frame is the intensity of the light.
     """
-    x, y = np.meshgrid(middle_px(SHAPE[1]), -middle_px(SHAPE[0]))
+    x, y = np.meshgrid(*coordinates_px(SHAPE))
     normal = np.stack([-p, -q, np.ones_like(p)]) / np.sqrt(1.0 + p * p + q * q)
     images = []
     for position, intensity in zip(lighting.positions_px, lighting.intensities, strict=True):

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from classify import Lighting
-from classify.lights.near_light import middle_px, sheet_of
+from classify.lights.near_light import coordinates_px, sheet_of
 from rig import synthetic_surface
 from rig.scene.render import SceneImages, render_frame, render_scene
 from rig.scene.surfaces import SurfacePatch
@@ -63,7 +63,8 @@ def under_near_lights(image_set: SimulatedSet, fields_of_view: float) -> Simulat
     )
     values = image_set.images.astype(np.float32)
     b = np.tensordot(np.linalg.pinv(directions).astype(np.float32), values, 1)
-    inner = b[0] * middle_px(width) + b[1] * -middle_px(height)[:, None]
+    x, y = coordinates_px((height, width))
+    inner = b[0] * x + b[1] * y[:, None]
     near = np.where(values > 0.0, (values - inner / distance) * strengths, 0.0)
     images = np.clip(near, 0.0, image_set.full_scale).astype(image_set.images.dtype)
     return replace(image_set, images=images, lighting=lighting)
