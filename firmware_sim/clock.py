@@ -19,7 +19,7 @@ class Clock(Protocol):
     def sleep_s(self, duration_s: float) -> None:
         """Return after the duration, or at once if it is zero or negative."""
 
-    def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
+    def call_at(self, at_s: float, callback: Callable[[], object]) -> None:
         """Call `callback` once at `at_s`, or as soon as possible if that has passed.
 
         The call comes from a thread of the clock or from one that sleeps, never from this method,
@@ -35,17 +35,9 @@ class _Agenda:
         self._order = itertools.count()  # keeps the order of calls at the same time
         self._calls: list[tuple[int, int, Callable[[], object]]] = []
 
-    def add(self, at_ns: int, callback: Callable[[], object]) -> Callable[[], None]:
+    def add(self, at_ns: int, callback: Callable[[], object]) -> None:
         with self._lock:
-            number = next(self._order)
-            heapq.heappush(self._calls, (at_ns, number, callback))
-
-        def cancel() -> None:
-            with self._lock:
-                self._calls = [call for call in self._calls if call[1] != number]
-                heapq.heapify(self._calls)
-
-        return cancel
+            heapq.heappush(self._calls, (at_ns, next(self._order), callback))
 
     def next_ns(self) -> int | None:
         """The time of the first call, None without one."""
@@ -75,14 +67,13 @@ class RealClock:
         if duration_s > 0:
             time.sleep(duration_s)
 
-    def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
+    def call_at(self, at_s: float, callback: Callable[[], object]) -> None:
         with self._changed:
-            cancel = self._agenda.add(round(at_s * 1e9), callback)
+            self._agenda.add(round(at_s * 1e9), callback)
             if self._thread is None:
                 self._thread = threading.Thread(target=self._run, name="clock", daemon=True)
                 self._thread.start()
             self._changed.notify()
-        return cancel
 
     def _run(self) -> None:
         while (callback := self._next_call()) is not None:
@@ -126,21 +117,21 @@ class VirtualClock:
                     raise RuntimeError("a tick callback of a virtual clock must not sleep on it")
                 self._step_towards(deadline_ns)
 
-    def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
-        return self._agenda.add(round(at_s * 1e9), callback)
+    def call_at(self, at_s: float, callback: Callable[[], object]) -> None:
+        self._agenda.add(round(at_s * 1e9), callback)
 
     def on_tick(self, callback: Callable[[], object]) -> Callable[[], None]:
-        """Call `callback` after each step of time, on the thread that sleeps."""
+        """Call `callback` after each step of time, on the thread that sleeps.
+
+        The returned function ends these calls.
+        """
 
         def unregister() -> None:
             with self._step_lock:
-                self._callbacks = tuple(c for c in self._callbacks if c is not entry)
-
-        def entry() -> None:  # its own object, so that one callback may be registered twice
-            callback()
+                self._callbacks = tuple(other for other in self._callbacks if other is not callback)
 
         with self._step_lock:
-            self._callbacks = (*self._callbacks, entry)
+            self._callbacks = (*self._callbacks, callback)
         return unregister
 
     def _step_towards(self, deadline_ns: int) -> None:

@@ -81,5 +81,5 @@ class KeepAliveClock:
             pause_s = left_s if self._keep_alive is None else min(left_s, self._keep_alive())
             self._clock.sleep_s(max(pause_s, _INSTANT_S))
 
-    def call_at(self, at_s: float, callback: Callable[[], object]) -> Callable[[], None]:
-        return self._clock.call_at(at_s, callback)
+    def call_at(self, at_s: float, callback: Callable[[], object]) -> None:
+        self._clock.call_at(at_s, callback)
