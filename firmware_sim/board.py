@@ -253,13 +253,13 @@ class SimulatedBoard:
             return data
 
     def strobe(self, exposing: bool, at_s: float) -> None:
-        """Add an edge of the strobe line, which waits for the firmware."""
+        """Add an edge of the strobe line, with its true time; it waits for the firmware."""
         with self._lock:
             if len(self._strobe_edges) < STROBE_BUFFER_EDGES:
                 self._strobe_edges.append((self._micros_at(at_s), exposing))
 
     def see_part(self, at_s: float) -> None:
-        """Add an edge of the part sensor, which waits for the firmware."""
+        """Add an edge of the part sensor, with its true time; it waits for the firmware."""
         with self._lock:
             if len(self._part_edges) < STROBE_BUFFER_EDGES:
                 self._part_edges.append(self._micros_at(at_s))

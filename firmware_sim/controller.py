@@ -63,14 +63,6 @@ class SimulatedController:
             if not self._pass_is_scheduled:
                 self._run_pass()
 
-    def strobe(self, exposing: bool, at_s: float) -> None:
-        """Receive an edge of the camera's strobe, with its true time even if it comes late."""
-        self._board.strobe(exposing, at_s)
-
-    def see_part(self, at_s: float) -> None:
-        """Receive an edge of the part sensor, with its true time even if it comes late."""
-        self._board.see_part(at_s)
-
     def take_output(self) -> bytes:
         """Return the bytes that the device has sent since the last call."""
         return self._board.take_output()

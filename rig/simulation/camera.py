@@ -58,7 +58,7 @@ class Exposures(ABC):
     def __init__(self, clock: Clock, shutter: Shutter, strobe: _Strobe = lambda *_: None) -> None:
         self.shutter = shutter
         self._clock = clock
-        self._strobe = strobe
+        self.strobe = strobe
         self._open = True
         self._in_progress = 0  # number of exposures; with a rolling shutter they may overlap
 
@@ -85,7 +85,7 @@ class Exposures(ABC):
 
     def _expose(self, start_s: float) -> None:
         if self._in_progress == 0:
-            self._strobe(True, start_s)
+            self.strobe(True, start_s)
         self._in_progress += 1
         end_s = start_s + self.shutter.all_rows_s
         self._clock.call_at(end_s, lambda: self._finish(end_s))
@@ -93,7 +93,7 @@ class Exposures(ABC):
     def _finish(self, end_s: float) -> None:
         self._in_progress -= 1
         if self._in_progress == 0:
-            self._strobe(False, end_s)
+            self.strobe(False, end_s)
 
 
 class FreeRunning(Exposures):

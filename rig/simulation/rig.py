@@ -101,7 +101,7 @@ class Simulation:
             self.clock,
             scene,
             sensor,
-            self._exposures(self.controller.strobe),
+            self._exposures(),
             seed=placement.seed,
             reported=reported_timing(camera, config.simulation),
         )
@@ -134,7 +134,7 @@ class Simulation:
     def see_part(self, in_s: float = 0.0) -> None:
         """Let the part sensor see a part after `in_s` seconds."""
         at_s = self.clock.now_s() + in_s
-        self.clock.call_at(at_s, lambda: self.controller.see_part(at_s))
+        self.clock.call_at(at_s, lambda: self.board.see_part(at_s))
 
     def unplug_lights(self) -> None:
         """Unplug the controller: its LEDs go out, and its port disappears."""
@@ -173,7 +173,7 @@ class Simulation:
         recorded.require_lighting(self._config.lights.lighting)
         return recorded, recorded.sensor
 
-    def _exposures(self, strobe: Callable[[bool, float], object]) -> Exposures:
+    def _exposures(self) -> Exposures:
         config = self._config
         shutter = Shutter(
             1.0 / config.camera.frame_rate_hz,
@@ -181,6 +181,8 @@ class Simulation:
             config.simulation.readout_ms / 1e3,
         )
         triggered = config.lights.synchronisation == "trigger"
-        exposures = (Triggered if triggered else FreeRunning)(self.clock, shutter, strobe)
+        exposures = (Triggered if triggered else FreeRunning)(
+            self.clock, shutter, self.board.strobe
+        )
         self.board.on_trigger(exposures.trigger)
         return exposures

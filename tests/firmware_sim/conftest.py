@@ -19,7 +19,7 @@ class Device:
         return self.controller.take_output()
 
     def strobe(self, exposing: bool) -> None:
-        self.controller.strobe(exposing, self.clock.now_s())
+        self.board.strobe(exposing, self.clock.now_s())
 
     def lit(self) -> list[float]:
         """The output of each LED, once it has settled."""

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 
 def see_part(device) -> None:
-    device.controller.see_part(device.clock.now_s())
+    device.board.see_part(device.clock.now_s())
 
 
 def ask(device, command: str) -> list[int]:

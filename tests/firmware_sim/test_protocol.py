@@ -26,7 +26,7 @@ def test_the_device_replies_as_in_the_readme(new_device, transcript):
             passed_us, _, edge = line[2:].partition(" us")
             device.clock.sleep_s(int(passed_us) / 1e6)
             if edge == ", part":
-                device.controller.see_part(device.clock.now_s())
+                device.board.see_part(device.clock.now_s())
             elif edge:
                 device.strobe({", strobe on": True, ", strobe off": False}[edge])
         else:

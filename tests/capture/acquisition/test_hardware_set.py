@@ -112,7 +112,7 @@ def test_the_record_of_a_sequence_is_restored_from_the_file(rig: Rig, tmp_path) 
 
 def test_without_a_strobe_triggered_frames_are_found_by_their_times(monkeypatch):
     with open_rig(config("trigger")) as rig:
-        monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
+        monkeypatch.setattr(rig.simulation.camera.exposures, "strobe", lambda *_: None)
         captured = capture_set(rig)
         assert wrong_light(rig, captured) < WRONG_LIGHT
         assert captured.metadata.images[0].exposures_us == ()
@@ -229,9 +229,10 @@ def test_stamps_a_whole_period_early_are_rejected(rig: Rig) -> None:
 
 def test_a_strobe_ahead_of_the_exposure_is_rejected(monkeypatch) -> None:
     with open_rig(config()) as rig:
-        wire = rig.simulation.board.strobe
+        exposures = rig.simulation.camera.exposures
+        wire = exposures.strobe
         monkeypatch.setattr(
-            rig.simulation.board, "strobe", lambda exposing, at_s: wire(exposing, at_s - 0.003)
+            exposures, "strobe", lambda exposing, at_s: wire(exposing, at_s - 0.003)
         )
         with pytest.raises(SetRejected, match=r"nearest began \+3\.\d ms"):
             capture_set(rig)
@@ -252,7 +253,7 @@ def test_stamps_may_be_off_by_their_configured_uncertainty(uncertainty_ms, is_ac
 
 def test_an_unconnected_strobe_is_named(monkeypatch) -> None:
     with open_rig(config()) as rig:
-        monkeypatch.setattr(rig.simulation.board, "strobe", lambda *_: None)
+        monkeypatch.setattr(rig.simulation.camera.exposures, "strobe", lambda *_: None)
         with pytest.raises(SetRejected, match="Strobe missing"):
             capture_set(rig)
 
@@ -283,14 +284,14 @@ def test_a_noisy_strobe_never_makes_a_wrong_set(synchronisation, spikes, missing
     """Spikes of any width at any time, missing edges, lost frames."""
     assume(spikes or missing or lost)
     with open_rig(config(synchronisation)) as rig:
-        board, clock = rig.simulation.board, rig.clock
-        wire, edges = board.strobe, iter(range(1000))
+        exposures, clock = rig.simulation.camera.exposures, rig.clock
+        wire, edges = exposures.strobe, iter(range(1000))
 
         def lossy(exposing: bool, at_s: float) -> None:
             if next(edges) not in missing:
                 wire(exposing, at_s)
 
-        board.strobe = lossy  # type: ignore[method-assign]
+        exposures.strobe = lossy
         start_s = clock.now_s()
         for begin_s, width_s in spikes:
             for at_s, exposing in ((begin_s, True), (begin_s + width_s, False)):
