@@ -4,8 +4,8 @@
 simulates the hardware around it: `SimulatedBoard` (LEDs that rise and fall over time), `RealClock`
 and `VirtualClock`, `SimulatedController` (firmware, board, boot and line delay as one device), and
 `serve_pty`, `serve_unix`, `serve_tcp`, `serve_tty`, which give that device an address.
-`serve_local` takes a pseudo-terminal, or a TCP port where there is none. A host that opens the
-address cannot tell that it is simulated.
+`serve_local` takes a pseudo-terminal, or a TCP port where there is none. Only the serial number,
+``SIM-0001`` by default, tells a host that the device is simulated.
 
     clock = VirtualClock()
     board = SimulatedBoard(clock)
@@ -15,18 +15,14 @@ address cannot tell that it is simulated.
 README.md describes the protocol. `python -m firmware_sim` serves a device to type at.
 """
 
-from .board import Board, SimulatedBoard
+from .board import SimulatedBoard
 from .clock import Clock, RealClock, VirtualClock
 from .controller import SimulatedController
-from .firmware import FIRMWARE_VERSION, PROTOCOL_VERSION, Firmware, crc8
+from .firmware import crc8
 from .server import Server, serve_local, serve_pty, serve_tcp, serve_tty, serve_unix
 
 __all__ = [
-    "FIRMWARE_VERSION",
-    "PROTOCOL_VERSION",
-    "Board",
     "Clock",
-    "Firmware",
     "RealClock",
     "Server",
     "SimulatedBoard",

@@ -98,6 +98,7 @@ class Led:
         return ValueError(f"the LED's history starts at {first_s:.6f} s, after {at_s:.6f} s")
 
 
+_MAX_DUTY_PERCENT = 50  # as on the Pico
 _OUTPUT_BYTES = 4096  # buffer for a host that does not read; about 100 replies
 _CLOCK_ROUNDING_S = 1e-6  # of the clock's nanoseconds to the firmware's microseconds
 
@@ -160,7 +161,6 @@ class SimulatedBoard:
         rise_ms: float = 0.5,
         fall_ms: float = 0.3,
         max_on_ms: int = 120_000,
-        max_duty_percent: int = 50,
         leds: Sequence[LedLight] | None = None,
     ) -> None:
         if led_count < 1:
@@ -172,10 +172,8 @@ class SimulatedBoard:
         for name, time_ms in (("rise_ms", rise_ms), ("fall_ms", fall_ms)):
             if not (math.isfinite(time_ms) and time_ms >= 0):
                 raise ValueError(f"{name} is {time_ms}; give a time in milliseconds, 0 or more")
-        if max_on_ms < 1 or not 1 <= max_duty_percent <= 99:
-            raise ValueError(
-                f"limits of {max_on_ms} ms and {max_duty_percent} %: give 1 ms or more, 1 to 99 %"
-            )
+        if max_on_ms < 1:
+            raise ValueError(f"max_on_ms is {max_on_ms}; give 1 or more")
         self.led_count = led_count
         self.serial_number = serial_number
         self._clock = clock
@@ -183,7 +181,7 @@ class SimulatedBoard:
         self._leds = leds or [Led(rise_ms, fall_ms) for _ in range(led_count)]
         self._booted_s = clock.now_s()
         self._max_on_ms = [max_on_ms] * led_count
-        self._max_duty_percent = [max_duty_percent] * led_count
+        self._max_duty_percent = [_MAX_DUTY_PERCENT] * led_count
         self._received = b""
         self._sent = b""
         self._strobe_edges: list[tuple[int, bool]] = []

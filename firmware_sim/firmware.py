@@ -220,7 +220,7 @@ class Firmware:
         self._errors: list[int] = []
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         self._fed_us = board.micros()  # time of the command that fed the watchdog last
-        self._parts = 0  # number of parts that the sensor has seen since the reset
+        self._parts = 0  # number of parts that the sensor has seen since the boot
         self._part_us = -1  # time of the latest
         self.stopped = False  # set when the host wants to flash the board
         # header: (smallest and largest number of parameters, handler)

@@ -2,7 +2,7 @@ from .cameras.camera import Camera, CameraInfo, Frame, FrameFlag, ListedCamera
 from .cameras.kinds import list_cameras
 from .config.lights import SequencePlan
 from .config.rig import RigConfig, load_config
-from .config.simulation import Defect, FaultPlan, Placement
+from .config.simulation import Defect, Placement
 from .errors import CameraError, ConfigError, HardwareError, LightControllerError
 from .lights.driver import LightController, Switch
 from .lights.link import ControllerIdentity
@@ -27,7 +27,6 @@ __all__ = [
     "ConfigError",
     "ControllerIdentity",
     "Defect",
-    "FaultPlan",
     "Frame",
     "FrameFlag",
     "HardwareError",

@@ -47,7 +47,7 @@ def exposure_left_s(lights: LightController, plan: SequencePlan) -> float:
 
 
 def detected_part_count(lights: LightController) -> int:
-    """Return the number of parts that the sensor has detected since the controller was reset."""
+    """Return the number of parts that the sensor has detected since the controller booted."""
     return lights.ask("PART:STAT?", 3).numbers[0]
 
 

@@ -4,8 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim import Firmware, SimulatedBoard, VirtualClock, crc8
-from firmware_sim.firmware import MAX_SEQUENCE
+from firmware_sim import SimulatedBoard, VirtualClock, crc8
+from firmware_sim.firmware import MAX_SEQUENCE, Firmware
 from rig.lights.link import GarbledReplyError, Reply, decode_reply, encode_command
 
 sequences = st.integers(1, MAX_SEQUENCE)
