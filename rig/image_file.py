@@ -71,21 +71,12 @@ _REMEDIES = {
 }
 
 
-def read_image(path: Path) -> _Image:
-    """Read an image as (H, W) grey or (H, W, 3) RGB without alpha, uint8 or uint16.
-
-    It is rotated upright by its EXIF or XMP data. A DNG is linear camera RGB.
-    """
-    return read_image_file(path)[0]
-
-
-def read_exposure_ms(path: Path) -> float | None:
-    """Return the exposure time in the EXIF data of an image, if any; errors as `read_image`."""
-    return read_image_file(path)[1].exposure_ms
-
-
 def read_image_file(path: Path) -> tuple[_Image, ImageMetadata]:
-    """Read an image as `read_image`, with its metadata."""
+    """Read an image and its metadata.
+
+    The image is (H, W) grey or (H, W, 3) RGB without alpha, uint8 or uint16, rotated upright by its
+    EXIF or XMP data. A DNG is linear camera RGB.
+    """
     readers: dict[str, tuple[str, Callable[[bytes], _Decoded]]] = {
         ".png": ("PNG", _png), ".jpg": ("JPEG", _jpeg), ".jpeg": ("JPEG", _jpeg),
         ".tif": ("TIFF", _tiff), ".tiff": ("TIFF", _tiff), ".tga": ("TGA", _tga),
@@ -161,9 +152,11 @@ def _png(content: bytes) -> _Decoded:
     names = Counter(
         chunk.data.split(b"\0")[0] if chunk.kind in _PNG_TEXTS else chunk.kind for chunk in chunks
     )
-    for name in (name.decode("latin-1") for name, count in names.items() if count > 1):
-        if name in _PNG_METADATA or name.startswith("Raw profile type "):
-            raise InputError(f"holds {name} twice; remove one of them")
+    for name in names:
+        text = name.decode("latin-1")
+        is_metadata = text in _PNG_METADATA or text.startswith("Raw profile type ")
+        if is_metadata and names[name] > 1:
+            raise InputError(f"holds {text} twice; remove one of them")
     critical = (b"IHDR", b"IDAT", b"IEND", *((b"PLTE",) if colour_type == _PNG_PALETTE else ()))
     critical_content = b"".join(chunk.content for chunk in chunks if chunk.kind in critical)
     image: Any = imagecodecs.png_decode(_PNG_SIGNATURE + critical_content)
@@ -251,7 +244,7 @@ def _tiff(content: bytes, is_raw: bool = False) -> _Decoded:
 
     tifffile.logger().addHandler(logging.NullHandler())  # keeps its warnings away from stderr
     with tifffile.TiffFile(io.BytesIO(content)) as tiff:
-        # Each page with its parent, which a page of the top level is itself.
+        # Pages and their parents; a page of the top level counts as its own parent.
         pages: list[tuple[Any, Any]] = [(page, page) for page in tiff.pages]
         pages += [(child, parent) for parent, _ in pages for child in parent.pages or ()]
         if not pages:

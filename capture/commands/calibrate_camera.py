@@ -196,10 +196,10 @@ def _response_of_files(
 
 def _exposures_ms(photographs: list[Path], text: str | None) -> list[float]:
     from capture.base.names import typed_number
-    from rig.image_file import read_exposure_ms
+    from rig.image_file import read_image_file
 
     if text is None:
-        exposures = [(path, read_exposure_ms(path)) for path in photographs]
+        exposures = [(path, read_image_file(path)[1].exposure_ms) for path in photographs]
         missing = next((path for path, exposure_ms in exposures if exposure_ms is None), None)
         if missing is not None:
             raise InputError(

@@ -117,9 +117,9 @@ def _only_file(folder: Path, stem: str, endings: tuple[str, ...]) -> Path | None
 def _read(file: Path) -> FloatMap:
     """Read an image as (H, W, 3) float32 in R, G, B, within 0 to 1."""
     # Imported here because most rigs never need the decoders.
-    from rig.image_file import read_image
+    from rig.image_file import read_image_file
 
-    image = read_image(file)
+    image, _ = read_image_file(file)
     if image.ndim == 2:
         image = np.dstack([image] * 3)
     if not all(8 <= side <= MAX_SIDE_PX for side in image.shape[:2]):

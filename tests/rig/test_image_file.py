@@ -13,7 +13,7 @@ import pytest
 import tifffile
 
 from classify.base.errors import InputError
-from rig.image_file import read_image
+from rig.image_file import read_image_file
 from tests.image_files import chunk
 
 Pixels = npt.NDArray[Any]
@@ -32,7 +32,7 @@ def refused(path: Path, content: bytes, capfd: pytest.CaptureFixture[str]) -> st
     """Write the file, which must be refused with one line and without any other output."""
     path.write_bytes(content)
     with pytest.raises(InputError) as caught:
-        read_image(path)
+        read_image_file(path)
     message = str(caught.value)
     assert "\n" not in message
     assert capfd.readouterr() == ("", "")
@@ -58,7 +58,7 @@ def test_an_interlaced_png_with_ancillary_chunks_is_read(tmp_path: Path, capfd: 
     (tmp_path / "a.png").write_bytes(content)
     expected = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     capfd.readouterr()
-    image = read_image(tmp_path / "a.png")
+    image = read_image_file(tmp_path / "a.png")[0]
     np.testing.assert_array_equal(image, expected)
     assert capfd.readouterr() == ("", "")
 
@@ -72,7 +72,7 @@ def test_a_jpeg_with_bytes_after_its_end_is_decoded_as_by_opencv(
     (tmp_path / "a.jpg").write_bytes(content + b"a thumbnail")
     expected = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_UNCHANGED)
     expected = expected[:, :, ::-1] if image.ndim == 3 else expected
-    np.testing.assert_array_equal(read_image(tmp_path / "a.jpg"), expected)
+    np.testing.assert_array_equal(read_image_file(tmp_path / "a.jpg")[0], expected)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif"])
@@ -160,4 +160,4 @@ def test_other_files_are_named(tmp_path: Path, capfd: Any) -> None:
     (tmp_path / "link.png").symlink_to("/dev/zero")
     for name in ("none", "folder", "pipe", "link"):
         with pytest.raises(InputError, match=rf"{name}\.png: (no such|cannot be)"):
-            read_image(tmp_path / f"{name}.png")
+            read_image_file(tmp_path / f"{name}.png")

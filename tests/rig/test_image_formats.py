@@ -16,7 +16,7 @@ from PIL import Image
 from scipy.ndimage import convolve
 
 from classify.base.errors import InputError
-from rig.image_file import read_image
+from rig.image_file import read_image_file
 from tests.image_files import (
     LINEAR_RAW,
     Pixels,
@@ -512,11 +512,11 @@ def test_each_pixel_equals_the_truth_or_the_file_is_refused(
     path.write_bytes(content)
     if isinstance(expected, str):
         with pytest.raises(InputError, match=expected) as caught:
-            read_image(path)
+            read_image_file(path)
         assert str(caught.value).startswith(f"{path}: ")
         assert "\n" not in str(caught.value)
     else:
-        image = read_image(path)
+        image = read_image_file(path)[0]
         assert (image.shape, image.dtype) == (expected.shape, expected.dtype)
         # Rounding, of values and of the means of neighbours, in a DNG.
         loss = {".jpg": 32, ".jpeg": 32, ".dng": 1}.get(path.suffix, 0)
