@@ -9,7 +9,8 @@ good set is rejected).
 # Signal of an LED (mean of its light image above ambient light) as a share of the brightest LED's.
 # Low enough for a part that is half in shadow, high enough that noise does not dominate a slope.
 DEAD_LED_SHARE = 0.1
-# Share of the signal of other LEDs below which an LED is weak: its noise is at least twice theirs.
+# Share of the signal of the other LEDs below which an LED is weak: relative to the signal, its shot
+# noise is then 1.4 times theirs, and its read noise twice.
 WEAK_LED_SHARE = 0.5
 # Least signal of an LED as a share of full scale: 8 of 4095 at 12 bit. A weaker one is lost in the
 # rounding. For photographs, whose depth may be a guess: of the brightest signal.
@@ -32,7 +33,7 @@ MAX_AMBIENT_CHANGE = 0.02
 MAX_REDUNDANCY_RESIDUAL = 0.02
 # Difference of a light image from its retake.
 MAX_RETAKE_CHANGE = 0.02
-# Level of one LED relative to the others.
+# Difference of the level of one LED from the others.
 MAX_LED_LEVEL_DIFFERENCE = 0.04
 # Largest standard error of a known level, and least significant difference in standard errors.
 MAX_LED_LEVEL_ERROR = 0.01

@@ -18,7 +18,7 @@ SPARE_S = 2.0
 # Frames to wait for besides those in the queue: one in transfer, one that is exposed during the
 # switch, and the fresh one.
 FRAMES_BESIDES_QUEUE = 3
-_POLL_S = 0.001  # interval of asking whether a sequence is over
+_POLL_S = 0.001  # interval between two questions whether a sequence still runs
 
 
 class FrameKind(Enum):
@@ -34,11 +34,11 @@ class NoFreshFrameError(CameraError):
     """The camera delivers frames, but no fresh one."""
 
     def __init__(self, counts: Counter[FrameKind], waited_s: float) -> None:
-        received = ", ".join(f"{count} {kind.value}" for kind, count in counts.items())
-        self.counts = f"{received} in {waited_s:.1f} s"
+        frames = ", ".join(f"{count} {kind.value}" for kind, count in counts.items())
+        self.received = f"{frames} in {waited_s:.1f} s"
         super().__init__(
-            f"no fresh frame after a switch of the lights ({self.counts}); run ps4rig rig latency "
-            "to measure what the camera's time stamps mean; if they are not on the rig's clock, "
+            f"no fresh frame after a switch of the lights ({self.received}); run ps4rig rig "
+            "latency to measure what the camera's time stamps mean; if they are not on the rig's clock, "
             "use another camera"
         )
 

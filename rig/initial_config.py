@@ -1,4 +1,4 @@
-"""The commented ``rig.toml`` that ``ps4rig rig init`` writes for found devices."""
+"""The commented ``rig.toml`` that ``ps4rig rig init`` writes from what is plugged in."""
 
 import json
 from collections.abc import Sequence

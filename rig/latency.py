@@ -22,7 +22,7 @@ from rig.step_fit import StepFit, Steps, fit_steps
 
 # Bands of rows in a frame: more make the fit slower, fewer the readout less certain.
 _BANDS = 32
-# Frame periods that are recorded after a step has settled, so that each row shows the new level.
+# Frame periods recorded after a step has settled, so that each row shows the new level.
 _PERIODS_AFTER = 2.0
 # Share of the range by which the light of a band must change. With less, noise dominates.
 _MIN_CONTRAST = 0.01
@@ -182,7 +182,7 @@ def _shares(
 # Largest rms residual of the shares of light: more than with stamps that jitter by 3 ms, less than
 # with flickering light (both in tests/rig/test_latency.py).
 _MAX_MISFIT = 0.08
-# Number of frames that must contain a switch. With fewer, their scatter is unknown.
+# Number of frames whose exposure must contain a switch. With fewer, their scatter is unknown.
 _MIN_CAUGHT = 6
 # Share of a change from which a row counts as completely changed, within its noise.
 _COMPLETE = 0.98
@@ -193,10 +193,10 @@ _SETTLED_PER_RISE = math.log(1000.0) / math.log(9.0)
 
 @dataclass(frozen=True)
 class _CompleteChange:
-    """Time from the acknowledgement to the first frame in which a row has changed completely."""
+    """The first frame in which a row shows all of a change of the light."""
 
-    typical_ms: float  # median time until the program has the frame
-    most_ms: float
+    typical_ms: float  # median time from the acknowledgement until the program has the frame
+    most_ms: float  # the longest one
     most_frames: int  # largest number of frames received before it, stale ones included
 
 

@@ -40,8 +40,6 @@ _TAU_LIMITS_S = (1e-6, 0.1)
 _SOFT_SHARE = 0.01
 # Scales of D and R in s, and of the logarithms of both time constants.
 _FIT_SCALES = (1e-3, 1e-3, 0.3, 0.3)
-# Index of R among the fitted values.
-_READOUT = 1
 _RISE_10_90 = math.log(9.0)
 
 
@@ -69,7 +67,7 @@ class StepFit:
     bottom_up: bool
     rise_s: float  # 10 to 90 %
     fall_s: float  # 10 to 90 %
-    caught: int  # frames whose exposure contains a step
+    caught: int  # frames whose exposure contains the step
     misfit: float  # rms residual of the shares
 
 
@@ -116,8 +114,7 @@ def fit_steps(steps: Steps) -> StepFit:
         offset_s += float(np.median(offsets))
         offsets = offsets - np.median(offsets)
     # The bands of a frame share the error of its stamp: they count as one observation.
-    error_s = _standard_error(_READOUT, solution.jac, residual)
-    readout_error_s = math.sqrt(len(steps.bands)) * error_s
+    readout_error_s = math.sqrt(len(steps.bands) * _readout_variance_s2(solution.jac, residual))
     return StepFit(
         start_s=offset_s + min(readout_s, 0.0),
         deviation_s=float(np.abs(offsets).max() + np.std(offsets)) if len(offsets) else 0.0,
@@ -167,8 +164,8 @@ def _frame_offsets(
     return np.array(offsets_s)
 
 
-def _standard_error(index: int, jacobian: Floats, residual: Floats) -> float:
-    """Standard error of one fitted value."""
+def _readout_variance_s2(jacobian: Floats, residual: Floats) -> float:
+    """Variance of R, the second fitted value, if all shares of light were independent."""
     degrees = max(residual.size - jacobian.shape[1], 1)
     covariance = np.linalg.pinv(jacobian.T @ jacobian) * float(np.sum(residual**2)) / degrees
-    return math.sqrt(max(float(covariance[index, index]), 0.0))
+    return max(float(covariance[1, 1]), 0.0)

@@ -201,7 +201,7 @@ class FreshFrames:
         except NoFreshFrameError as error:
             raise SetRejected(
                 f"set rejected: no good frame under {light_name(self._rig, self._light)} "
-                f"({error.counts}, {self.lost_frames} lost); check the camera's cable, or run "
+                f"({error.received}, {self.lost_frames} lost); check the camera's cable, or run "
                 "ps4rig rig latency"
             ) from None
 
