@@ -38,8 +38,8 @@ class NoFreshFrameError(CameraError):
         self.received = f"{frames} in {waited_s:.1f} s"
         super().__init__(
             f"no fresh frame after a switch of the lights ({self.received}); run ps4rig rig "
-            "latency to measure what the camera's time stamps mean; if they are not on the rig's clock, "
-            "use another camera"
+            "latency to measure what the camera's time stamps mean; if they are not on the rig's "
+            "clock, use another camera"
         )
 
 
