@@ -29,10 +29,10 @@ class CameraError(HardwareError):
 
 
 @dataclass(frozen=True)
-class ControlFault:
-    """One control of a camera that does not hold its configured value, and what to do."""
+class CameraFault:
+    """A control that does not hold its configured value, or too slow a network; what to do."""
 
-    control: str
+    name: str
     message: str
     advice: str
 
@@ -40,7 +40,7 @@ class ControlFault:
 class ControlError(CameraError):
     """Controls of a camera that do not hold their values; the message names all of them."""
 
-    def __init__(self, path: str, *faults: ControlFault) -> None:
+    def __init__(self, path: str, *faults: CameraFault) -> None:
         self.faults = faults
         advice = dict.fromkeys(fault.advice for fault in faults)
         super().__init__(f"{path}: " + "; ".join([*(fault.message for fault in faults), *advice]))

@@ -19,7 +19,7 @@ class CameraConfig(Section):
     width_px: int = Field(default=512, ge=16, le=8192, description="of the frame")
     height_px: int = Field(default=512, ge=16, le=8192, description="of the frame")
     bits: Literal[8, 10, 12, 16] = Field(
-        default=12, description="of a pixel; with a pixel_format those of that"
+        default=12, description="of a pixel; a pixel_format determines them"
     )
     frame_rate_hz: float = Field(default=30.0, ge=0.1, le=1000.0, description="frames per second")
     exposure_ms: float = Field(
@@ -30,7 +30,7 @@ class CameraConfig(Section):
     def mode(self) -> str:
         """The settings that determine the frame timing, as text."""
         return (
-            f"{self._pixels} {self.width_px}x{self.height_px}, {self.frame_rate_hz:g} Hz, "
+            f"{self._pixel_text} {self.width_px}x{self.height_px}, {self.frame_rate_hz:g} Hz, "
             f"{self.exposure_ms:g} ms"
         )
 
@@ -40,7 +40,7 @@ class CameraConfig(Section):
         return None
 
     @property
-    def _pixels(self) -> str:
+    def _pixel_text(self) -> str:
         return f"{self.kind} {self.bits} bit"
 
     def _require_within_frame(self, key: str, time_ms: float) -> None:
@@ -154,7 +154,7 @@ class FormattedCameraConfig(StampedCameraConfig):
     pixel_format: str
 
     @property
-    def _pixels(self) -> str:
+    def _pixel_text(self) -> str:
         return self.pixel_format
 
     @model_validator(mode="before")

@@ -7,7 +7,7 @@ from typing import Any, Generic, TypeVar
 from pydantic import ValidationError
 
 from classify.base.models import explained, toml_text, validation_message
-from rig.errors import ControlFault
+from rig.errors import CameraFault
 
 from .camera import Camera, CameraInfo, ListedCamera
 from .config import CameraConfig, ReplayCameraConfig, SimulatedCameraConfig
@@ -39,7 +39,7 @@ class CameraKind(Generic[_Config]):
     device_classes: tuple[str, ...] = ()
     groups: tuple[str, ...] = ()
     # What `doctor` warns of when the camera is open.
-    faults: Callable[[CameraInfo], Iterator[ControlFault]] | None = None
+    faults: Callable[[CameraInfo], Iterator[CameraFault]] | None = None
     # The device that `rig simulate` serves.
     served: type[ServedCamera] | None = None
 

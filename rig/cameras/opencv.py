@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from rig.errors import CameraError, ControlError, ControlFault
+from rig.errors import CameraError, CameraFault, ControlError
 
 from .camera import CameraInfo, Frame, Pixels, require_exposure
 from .v4l2.device import RATE_TOLERANCE, device_path
@@ -47,7 +47,7 @@ _ArrivedImage = tuple[Pixels, float]
 
 
 class OpencvCameraConfig(VideoCameraConfig):
-    """A camera through OpenCV; `OpencvCamera` lists its limitations."""
+    """A camera through OpenCV, with 8 bits; `OpencvCamera` bounds the times of its frames."""
 
     kind: Literal["opencv"] = "opencv"
     bits: Literal[8] = 8
@@ -209,7 +209,7 @@ class OpencvCamera:
                 f"{self._path}: OpenCV uses the camera's MJPG, which is lossy; use kind = 'v4l2', "
                 "or set camera.allow_compressed = true"
             )
-        faults = [] if config.fixed_exposure else self._set_exposure()
+        faults = [] if config.fixed_exposure else self._set_manual_exposure()
         # Turned off if the camera has them; otherwise `set` has no effect.
         for name in ("AUTO_WB", "AUTOFOCUS", "BACKLIGHT", "SHARPNESS"):
             video.set(_property(name), 0.0)
@@ -225,7 +225,7 @@ class OpencvCamera:
         gain_and_gamma = {name: values.pop(name, None) for name in ("gain", "gamma")}
         self._pixel_values: dict[str, Any] = {**gain_and_gamma, "pixel_value_controls": values}
 
-    def _set_exposure(self) -> list[ControlFault]:
+    def _set_manual_exposure(self) -> list[CameraFault]:
         if self._video_backend != _V4L2:
             raise CameraError(
                 f"{self._path}: automatic exposure cannot be turned off through OpenCV's backend "
@@ -237,14 +237,14 @@ class OpencvCamera:
             *self._set_exposure_time(self._config.exposure_ms),
         ]
 
-    def _set_exposure_time(self, exposure_ms: float) -> list[ControlFault]:
+    def _set_exposure_time(self, exposure_ms: float) -> list[CameraFault]:
         units = max(1, round(exposure_ms * _EXPOSURE_UNITS_PER_MS))
         faults = self._set("EXPOSURE", units)
         if not faults:
             self._exposure_ms = units / _EXPOSURE_UNITS_PER_MS
         return faults
 
-    def _set(self, name: str, value: float) -> list[ControlFault]:
+    def _set(self, name: str, value: float) -> list[CameraFault]:
         key = _property(name)
         accepted = self._video.set(key, value)
         read_back = self._video.get(key)
@@ -255,7 +255,7 @@ class OpencvCamera:
         advice = (
             "the camera does not obey, or lacks the control; use kind = 'v4l2' or another camera"
         )
-        return [ControlFault(name.lower(), finding, advice)]
+        return [CameraFault(name.lower(), finding, advice)]
 
 
 def _property(name: str) -> int:

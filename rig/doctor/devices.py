@@ -200,7 +200,7 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
 def check_controls(error: ControlError) -> Iterator[Check]:
     """Report each control that prevents a camera from being opened as one fault."""
     for fault in error.faults:
-        yield Check(f"control {fault.control}", "fault", fault.message, fault.advice)
+        yield Check(f"control {fault.name}", "fault", fault.message, fault.advice)
 
 
 def check_frames(camera: Camera) -> Iterator[Check]:
@@ -248,7 +248,7 @@ def _check_kind(info: CameraInfo) -> Iterator[Check]:
     faults = CAMERA_KINDS[info.kind].faults
     if faults is not None:
         yield from (
-            Check(fault.control, "warning", fault.message, fault.advice) for fault in faults(info)
+            Check(fault.name, "warning", fault.message, fault.advice) for fault in faults(info)
         )
 
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any, TypeVar
 
+from rig.cameras.camera import ListedCamera
 from rig.errors import CameraError
 
 FRAMES_IN_SOCKET = 2
@@ -45,26 +46,17 @@ def _call(function: Callable[..., Any], *arguments: Any) -> Any:
         raise CameraError(error.message) from error
 
 
-@dataclass(frozen=True)
-class DetectedCamera:
-    """A camera that answered the search."""
-
-    device_id: str
-    name: str
-    protocol: str
-    names: tuple[str, ...]  # that a user may give: serial number and address
-
-
-def find_devices() -> list[DetectedCamera]:
-    """Search networks and USB for half a second."""
+def find_devices() -> list[ListedCamera]:
+    """Search networks and USB for half a second, without opening a camera."""
     library = aravis()
     library.update_device_list()
     return [
-        DetectedCamera(
-            library.get_device_id(index),
-            _joined(library.get_device_vendor(index), library.get_device_model(index)),
-            library.get_device_protocol(index),
-            (library.get_device_serial_nbr(index), library.get_device_address(index)),
+        ListedCamera(
+            "genicam",
+            device=library.get_device_id(index),
+            name=_joined(library.get_device_vendor(index), library.get_device_model(index)),
+            driver=library.get_device_protocol(index),
+            names=(library.get_device_serial_nbr(index), library.get_device_address(index)),
         )
         for index in range(library.get_n_devices())
     ]
@@ -97,7 +89,7 @@ class AravisCamera:
         try:
             self._camera: Any = _call(aravis().Camera.new, device)
         except CameraError:  # Aravis takes ids and addresses
-            ids = [camera.device_id for camera in find_devices() if device in camera.names]
+            ids = [camera.device for camera in find_devices() if device in camera.names]
             if not ids:
                 raise
             self._camera = _call(aravis().Camera.new, ids[0])

@@ -11,14 +11,13 @@ from typing import Any
 import numpy as np
 
 from rig.cameras.camera import CameraInfo, Frame, FrameFlag, ListedCamera, require_exposure
-from rig.errors import CameraError, ControlFault
+from rig.errors import CameraError, CameraFault
 
 from .aravis import (
     FRAME_ID_COUNT,
     FRAMES_IN_SOCKET,
     AravisCamera,
     Buffer,
-    DetectedCamera,
     find_devices,
 )
 from .measurement_mode import (
@@ -214,16 +213,16 @@ def list_genicam_cameras() -> list[ListedCamera]:
         detected = find_devices()
     except CameraError:  # Aravis is not installed
         return []
-    return [*map(_listed, detected), *_inaccessible_usb_cameras()]
+    return [*map(_with_formats, detected), *_inaccessible_usb_cameras()]
 
 
-USB_DEVICES = Path("/sys/bus/usb/devices")
+_USB_DEVICES = Path("/sys/bus/usb/devices")
 
 
 def _inaccessible_usb_cameras() -> Iterator[ListedCamera]:
     """USB3 Vision cameras that this user may not open; Aravis passes over them."""
-    for interface in USB_DEVICES.glob("*:*"):
-        usb = USB_DEVICES / interface.name.partition(":")[0]
+    for interface in _USB_DEVICES.glob("*:*"):
+        usb = _USB_DEVICES / interface.name.partition(":")[0]
         try:
             values = [interface / f"bInterface{name}" for name in ("Class", "SubClass", "Protocol")]
             if [path.read_text().strip() for path in values] != ["ef", "05", "00"]:
@@ -238,13 +237,12 @@ def _inaccessible_usb_cameras() -> Iterator[ListedCamera]:
             yield ListedCamera("genicam", serial, name, "USB3Vision", node, problem=problem)
 
 
-def _listed(detected: DetectedCamera) -> ListedCamera:
-    device = detected.device_id
-    listed = ListedCamera("genicam", device, detected.name, detected.protocol, names=detected.names)
+def _with_formats(detected: ListedCamera) -> ListedCamera:
+    """Open a camera to ask for its formats and its longest exposure."""
     try:
-        camera = AravisCamera(device)
+        camera = AravisCamera(detected.device)
     except CameraError as error:
-        return replace(listed, problem=f"{device}: {error}")
+        return replace(detected, problem=f"{detected.device}: {error}")
     try:
         formats = camera.entries("PixelFormat")
         best = next((name for name in _PREFERRED_FORMATS if name in formats), None)
@@ -258,22 +256,23 @@ def _listed(detected: DetectedCamera) -> ListedCamera:
             )
         longest_ms = camera.exposure_range_ms[1]
         return replace(
-            listed, formats=tuple(formats), longest_exposure_ms=longest_ms, config_lines=lines
+            detected, formats=tuple(formats), longest_exposure_ms=longest_ms, config_lines=lines
         )
     except CameraError as error:
-        return replace(listed, problem=f"{device}: {error}")
+        return replace(detected, problem=f"{detected.device}: {error}")
     finally:
         camera.close()
 
 
-MAX_BUFFER_FILE = Path("/proc/sys/net/core/rmem_max")
-# Share of a link that is not headers of packets: 115 MB/s of gigabit Ethernet.
-_LINK_SHARE = 0.92
+_MAX_BUFFER_FILE = Path("/proc/sys/net/core/rmem_max")
+# Share of a link's rate that remains for pixels beside the headers of packets: 115 MB/s of gigabit
+# Ethernet.
+_PIXEL_SHARE = 0.92
 # Number of packets of 1,500 bytes that the kernel handles per second on two cores without losses.
 _MAX_PACKETS_PER_S = 40_000
 
 
-def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
+def network_faults(info: CameraInfo) -> Iterator[CameraFault]:
     """Rate, packets and buffers that do not suffice for the frames of an open camera."""
     record = info.controls["genicam"]
     if "packet_bytes" not in record:
@@ -281,9 +280,9 @@ def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
     bits = PIXEL_FORMATS[record["pixel_format"]].bits_in_memory
     frame_bytes = info.width_px * info.height_px * bits // 8
     rate_mb_per_s = frame_bytes / info.frame_period_s / 1e6
-    max_mb_per_s = _LINK_SHARE * (record.get("link_mbit_per_s") or 1000.0) / 8.0
+    max_mb_per_s = _PIXEL_SHARE * (record.get("link_mbit_per_s") or 1000.0) / 8.0
     if rate_mb_per_s > max_mb_per_s:
-        yield ControlFault(
+        yield CameraFault(
             "network rate",
             f"frames of {frame_bytes / 1e6:.1f} MB at {1.0 / info.frame_period_s:g} Hz are "
             f"{rate_mb_per_s:.0f} MB/s, the camera's link carries {max_mb_per_s:.0f}",
@@ -292,18 +291,18 @@ def network_faults(info: CameraInfo) -> Iterator[ControlFault]:
     packet_bytes = record["packet_bytes"]
     packets_per_s = 1e6 * rate_mb_per_s / packet_bytes
     if packets_per_s > _MAX_PACKETS_PER_S:
-        yield ControlFault(
+        yield CameraFault(
             "packet size",
             f"{packets_per_s:.0f} packets of {packet_bytes} bytes a second",
             "allow large packets: sudo ip link set IFACE mtu 9000",
         )
     needed_bytes = FRAMES_IN_SOCKET * frame_bytes
     try:
-        max_bytes = int(MAX_BUFFER_FILE.read_text())
+        max_bytes = int(_MAX_BUFFER_FILE.read_text())
     except (OSError, ValueError):
         return  # not Linux
     if max_bytes < needed_bytes:
-        yield ControlFault(
+        yield CameraFault(
             "socket buffer",
             f"a socket may hold {max_bytes} bytes, {FRAMES_IN_SOCKET} frames are {needed_bytes}",
             f"sudo sysctl -w net.core.rmem_max={needed_bytes}",

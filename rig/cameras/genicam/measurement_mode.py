@@ -6,7 +6,7 @@ from pydantic import Field
 
 from rig.cameras.config import DeviceCameraConfig, FormattedCameraConfig
 from rig.cameras.v4l2.device import RATE_TOLERANCE
-from rig.errors import CameraError, ControlError, ControlFault
+from rig.errors import CameraError, CameraFault, ControlError
 
 from .aravis import AravisCamera
 from .pixel_formats import PIXEL_FORMATS
@@ -85,7 +85,7 @@ class Settings:
 
     def __init__(self, camera: AravisCamera) -> None:
         self._camera = camera
-        self.faults: list[ControlFault] = []
+        self.faults: list[CameraFault] = []
 
     def set(self, feature: str, value: bool | int | float | str) -> None:
         """Set a feature, unless it has the value already, and read it back."""
@@ -111,7 +111,7 @@ class Settings:
         if isinstance(actual, float) and abs(actual - requested) <= tolerance:
             return
         self.faults.append(
-            ControlFault(
+            CameraFault(
                 name,
                 f"{name} was set to {requested} and reads {actual}",
                 "set a value that the camera takes, or leave the key out",

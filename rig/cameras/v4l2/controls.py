@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
-from rig.errors import ControlError, ControlFault
+from rig.errors import CameraFault, ControlError
 
 from . import abi
 from .device import V4l2Device
@@ -142,7 +142,7 @@ def _error(device: V4l2Device, control: Control, finding: str, advice: str = "")
         "the camera does not obey: close other programs that use it; if v4l2-ctl -d "
         f"{device.path} cannot set it either, {_USE_ANOTHER_CAMERA}"
     )
-    fault = ControlFault(control.slug, f"control {control.slug} {finding}", advice)
+    fault = CameraFault(control.slug, f"control {control.slug} {finding}", advice)
     return ControlError(device.path, fault)
 
 

@@ -9,7 +9,7 @@ from pydantic import Field, field_validator, model_validator
 
 from rig.cameras.camera import ListedCamera
 from rig.cameras.config import DeviceCameraConfig, FormattedCameraConfig
-from rig.errors import CameraError, ControlError, ControlFault
+from rig.errors import CameraError, CameraFault, ControlError
 
 from . import abi
 from .controls import Control, check_control, find_control, read_control, write_control
@@ -106,7 +106,7 @@ class _Mode:
 def set_measurement_mode(device: V4l2Device, config: V4l2CameraConfig) -> _Mode:
     """Set exposure, gain and gamma, turn off automatic controls, read all back."""
     settings: list[_Setting] = []
-    faults: list[ControlFault] = []
+    faults: list[CameraFault] = []
 
     def attempt(set_control: Callable[..., _Setting], *arguments: Any) -> None:
         """Set one control; a failure does not prevent the next."""
@@ -177,8 +177,8 @@ def check_measurement_mode(device: V4l2Device, mode: _Mode) -> None:
         raise ControlError(device.path, *faults)
 
 
-def _changed_controls(device: V4l2Device, mode: _Mode) -> list[ControlFault]:
-    faults: list[ControlFault] = []
+def _changed_controls(device: V4l2Device, mode: _Mode) -> list[CameraFault]:
+    faults: list[CameraFault] = []
     for control, value in mode.settings:
         try:
             check_control(device, control, value)
@@ -207,7 +207,7 @@ def _set_exposure_time(device: V4l2Device, exposure_ms: float) -> _Setting:
         )
     units = max(1, round(exposure_ms * EXPOSURE_UNITS_PER_MS))
     if not control.minimum <= units <= control.maximum:
-        fault = ControlFault(
+        fault = CameraFault(
             control.slug,
             f"camera.exposure_ms = {exposure_ms:g} is not possible; {control.slug} takes "
             f"{control.minimum / EXPOSURE_UNITS_PER_MS:g} to "
@@ -227,7 +227,7 @@ def _set_configured(device: V4l2Device, name: str, control_id: int, value: int) 
 
 def _missing(device: V4l2Device, name: str, advice: str) -> ControlError:
     finding = f"{device.card} has no control for its {name}"
-    return ControlError(device.path, ControlFault(name, finding, advice))
+    return ControlError(device.path, CameraFault(name, finding, advice))
 
 
 def _set_active(device: V4l2Device, control: Control, value: int) -> _Setting:
@@ -235,7 +235,7 @@ def _set_active(device: V4l2Device, control: Control, value: int) -> _Setting:
     setting = _set(device, control, value)
     control_after = find_control(device, control.id)
     if control_after is None or control_after.flags & abi.CtrlFlag.INACTIVE:
-        fault = ControlFault(
+        fault = CameraFault(
             control.slug,
             f"control {control.slug} has no effect, because another control overrides it",
             "turn off the other control; v4l2-ctl -l lists the camera's controls",

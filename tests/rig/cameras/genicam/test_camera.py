@@ -94,7 +94,7 @@ def test_what_the_camera_does_not_keep_is_named(served: GigeRig) -> None:
         open_rig(changed(served, pixel_format="Mono10p", bits=10))
     with pytest.raises(ControlError) as refused:
         open_rig(changed(served, trigger_line="Line7"))
-    assert [fault.control for fault in refused.value.faults] == ["TriggerSource"]
+    assert [fault.name for fault in refused.value.faults] == ["TriggerSource"]
     with pytest.raises(CameraError, match="Nobody"):
         open_rig(changed(served, device="Nobody"))
 
