@@ -9,7 +9,7 @@ from typing import Literal
 from capture.base.errors import SetRejected
 from capture.sets.captured_set import CapturedSet
 from rig import RigConfig, open_rig
-from rig.lights.driver import measure_switch_latency
+from rig.lights.driver import switch_latencies_ms
 
 from .attempts import capture_set
 
@@ -67,7 +67,7 @@ def measure_set_timing(config: RigConfig, sets: int) -> _SetTiming:
         synchronisation = config.lights.synchronisation
         switch_ms = None
         if synchronisation == "software":
-            switch_ms = measure_switch_latency(rig.lights, rig.clock).median_ms
+            switch_ms = statistics.median(switch_latencies_ms(rig.lights, rig.clock))
         while len(accepted) < sets and rejected < sets:
             start_s = rig.clock.now_s()
             try:

@@ -1,6 +1,7 @@
 """Checks of the devices of a rig: serial ports, light controller, cameras, frames."""
 
 import os
+import statistics
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from rig.cameras.kinds import CAMERA_KINDS
 from rig.config.lights import LightsConfig
 from rig.errors import CameraError, ControlError
 from rig.lights.discovery import SerialPort
-from rig.lights.driver import LightController, measure_switch_latency
+from rig.lights.driver import LightController, switch_latencies_ms
 from rig.lights.serial_line import port_holders
 
 from .check import Check
@@ -50,7 +51,7 @@ def check_port(device: str) -> Iterator[Check]:
         advice = 'is the controller plugged in? With lights.port = "auto" it is searched for'
         yield Check("port", "fault", f"{device} does not exist", advice)
         return
-    yield check_access(device)
+    yield _check_access(device)
     holders = [holder for holder in port_holders(device) if holder.pid != os.getpid()]
     if holders:
         finding = f"{device} is open in {', '.join(map(str, holders))}"
@@ -59,7 +60,7 @@ def check_port(device: str) -> Iterator[Check]:
         yield Check("port in use", "ok", f"no visible program has {device} open")
 
 
-def check_access(device: str) -> Check:
+def _check_access(device: str) -> Check:
     """Check that this user may read and write a device; name a missing group or rule."""
     name = "permission"
     if os.access(device, os.R_OK | os.W_OK):
@@ -148,12 +149,13 @@ def _watchdog(lights: LightController) -> Check:
 
 
 def _switch_latency(lights: LightController, clock: Clock) -> Check:
-    switch = measure_switch_latency(lights, clock)
+    latencies_ms = switch_latencies_ms(lights, clock)
+    median_ms = statistics.median(latencies_ms)
     finding = (
-        f"median {switch.median_ms:.2f} ms, worst {switch.worst_ms:.2f} ms of {switch.switches}, "
+        f"median {median_ms:.2f} ms, worst {max(latencies_ms):.2f} ms of {len(latencies_ms)}, "
         "from writing to acknowledgement"
     )
-    if switch.median_ms <= _SLOW_SWITCH_MS:
+    if median_ms <= _SLOW_SWITCH_MS:
         return Check("switch latency", "ok", finding)
     # A port below /dev/serial/by-id is a link to the device that sysfs names.
     name = Path(lights.port).resolve().name
@@ -190,7 +192,7 @@ def check_cameras(cameras: Sequence[ListedCamera], config: CameraConfig | None) 
     if isinstance(config, DeviceCameraConfig):
         rig_camera = next((camera for camera in cameras if config.matches(camera)), None)
         if rig_camera is not None and rig_camera.node is not None:
-            yield check_access(str(rig_camera.node))
+            yield _check_access(str(rig_camera.node))
         elif rig_camera is None:
             finding = f"{config.device} is not among the {len(cameras)} cameras found"
             advice = "is it plugged in? Set camera.device to one of the names above"
@@ -255,7 +257,7 @@ def _check_kind(info: CameraInfo) -> Iterator[Check]:
 def exposure_range_ms(
     camera: Camera, listed: Sequence[ListedCamera], config: CameraConfig
 ) -> tuple[float, float]:
-    """The shortest and the longest exposure in ms; that of OpenCV's cameras comes from `listed`."""
+    """Shortest and longest exposure; OpenCV does not report the longest one, `listed` has it."""
     shortest_ms, longest_ms = camera.exposure_range_ms
     if not isinstance(config, DeviceCameraConfig):
         return shortest_ms, longest_ms

@@ -1,6 +1,5 @@
 """The driver of the LED controller."""
 
-import statistics
 import threading
 from contextlib import suppress
 from dataclasses import dataclass
@@ -113,26 +112,28 @@ class LightController:
 
     @property
     def port(self) -> str:
-        """The port it was opened on."""
+        """The port of the open line, which `recover` may change."""
         return self._link.port
 
     def select(self, led: int) -> Switch:
         """Light LED `led`, counted from 0, and no other."""
-        lit, time_us = self._numbers(self._exchange(f"LED:SEL {led}"), 2)
+        answer = self.ask(f"LED:SEL {led}", 2)
+        lit, time_us = answer.numbers
         if lit != led:
             raise self._failure(f"asked for LED {led}, it lit LED {lit}")
-        return Switch(led, time_us, self._clock.now_s())
+        return Switch(led, time_us, answer.received_s)
 
     def off(self) -> Switch:
         """Put all LEDs out."""
-        lit, time_us = self._numbers(self._exchange("LED:OFF"), 2)
+        answer = self.ask("LED:OFF", 2)
+        lit, time_us = answer.numbers
         if lit != -1:
             raise self._failure(f"asked for all LEDs off, LED {lit} is lit")
-        return Switch(None, time_us, self._clock.now_s())
+        return Switch(None, time_us, answer.received_s)
 
     def set_level(self, led: int, percent: int) -> None:
         """Set the level of one LED when it is lit, 0 to 100 %."""
-        if self._numbers(self._exchange(f"LED:LEV {led},{percent}"), 2) != (led, percent):
+        if self.ask(f"LED:LEV {led},{percent}", 2).numbers != (led, percent):
             raise self._failure(f"level {percent} % of LED {led} was not set")
         self._levels_percent[led] = percent
 
@@ -331,26 +332,15 @@ def _led_text(led: int | None) -> str:
     return "no LED" if led is None else f"LED {led}"
 
 
-@dataclass(frozen=True)
-class _SwitchLatency:
-    """Median and worst time of a number of switches, on the rig's clock."""
-
-    median_ms: float
-    worst_ms: float
-    switches: int
-
-
-def measure_switch_latency(
-    lights: LightController, clock: Clock, switches: int = 40
-) -> _SwitchLatency:
-    """Switch through all LEDs and off, and leave them off."""
-    times_ms = []
+def switch_latencies_ms(lights: LightController, clock: Clock, switches: int = 40) -> list[float]:
+    """Switch through all LEDs and off; return each time from command to acknowledgement."""
+    latencies_ms = []
     try:
         for number in range(switches):
             led = number % (lights.led_count + 1)
             sent_s = clock.now_s()
             switch = lights.off() if led == lights.led_count else lights.select(led)
-            times_ms.append(1e3 * (switch.acknowledged_s - sent_s))
+            latencies_ms.append(1e3 * (switch.acknowledged_s - sent_s))
     finally:
         lights.off()
-    return _SwitchLatency(statistics.median(times_ms), max(times_ms), switches)
+    return latencies_ms

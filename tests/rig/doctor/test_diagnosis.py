@@ -16,7 +16,6 @@ from rig.doctor import diagnosis as doctor_module
 from rig.doctor.check import Check
 from rig.doctor.devices import (
     RULES_FILE,
-    check_access,
     check_cameras,
     check_frames,
     check_lights,
@@ -28,7 +27,7 @@ from rig.doctor.devices import (
 from rig.doctor.diagnosis import check_kernel_cache, diagnose
 from rig.doctor.light_images import LightImages, capture_light_images, check_light_images
 from rig.lights.discovery import _VENDORS, SerialPort
-from rig.lights.driver import LightController, measure_switch_latency
+from rig.lights.driver import LightController, switch_latencies_ms
 from rig.lights.link import DEFAULT_TIMEOUTS, LinkTimeouts
 
 SMALL = "[camera]\nwidth_px = 160\nheight_px = 160\n[lights]\nport = 'simulated'\n"
@@ -198,8 +197,7 @@ def test_switch_latency_is_measured_on_the_rigs_clock() -> None:
         serve_pty(SimulatedController(board, clock, link_delay_ms=12.0)) as server,
         LightController(server.address, clock=clock) as lights,
     ):
-        found = measure_switch_latency(lights, clock, switches=7)
-        assert (found.median_ms, found.worst_ms) == pytest.approx((12.0, 12.0))
+        assert switch_latencies_ms(lights, clock, switches=7) == pytest.approx([12.0] * 7)
         *_, check = check_lights(lights, clock, RigConfig().lights)
         assert check.status == "warning"
         assert "latency_timer" in check.advice
@@ -243,7 +241,7 @@ def test_a_missing_permission_is_named_with_group_and_rule(
     monkeypatch.setattr("rig.doctor.devices.os.access", lambda *_: False)
     for groups, is_own in (([], False), ([port.stat().st_gid], True)):
         monkeypatch.setattr("rig.doctor.devices.os.getgroups", lambda found=groups: found)
-        check = check_access(str(port))
+        check, *_ = check_port(str(port))
         assert check.status == "fault"
         assert "belongs to group" in check.seen
         assert ("usermod -aG" in check.advice) == (not is_own)
