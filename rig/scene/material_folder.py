@@ -24,7 +24,13 @@ from classify.base.models import first_fault
 from classify.base.regular_file import read_regular_file
 from rig.image_metadata import linear_from_srgb, luminance
 
-from .surfaces import MAX_SIDE_PX, PeriodicSurface, rms_slope, spectral_gradients
+from .surfaces import (
+    MAX_SIDE_PX,
+    PeriodicSurface,
+    periodic_height,
+    rms_slope,
+    spectral_gradients,
+)
 
 _DEFAULT_ALBEDO = 0.8  # of a material without an albedo map
 _DEFAULT_RMS_SLOPE = 0.30  # of a height of unknown relief; scanned materials have 0.1 to 0.9
@@ -96,7 +102,7 @@ def load_material(folder: str | Path) -> PeriodicSurface:
         p, q = _slopes(maps[normal_file], normal_file)
         _require_y_up(p, q, normal_file)
         if levels is None or np.ptp(levels) == 0.0:
-            surface = PeriodicSurface.from_gradients(p, q, albedo, folder.name)
+            surface = PeriodicSurface(periodic_height(p, q), p, q, albedo, folder.name)
         else:
             scale = scale or _fitted_scale(levels, p, q, folder)
             surface = PeriodicSurface(levels * scale, p, q, albedo, folder.name)

@@ -117,17 +117,8 @@ class PeriodicSurface:
         p, q = spectral_gradients(heights)
         return cls(heights, p, q, np.asarray(albedo, np.float32), name)
 
-    @classmethod
-    def from_gradients(
-        cls, p: npt.ArrayLike, q: npt.ArrayLike, albedo: npt.ArrayLike, name: str
-    ) -> PeriodicSurface:
-        """Make a surface whose height is integrated from its gradients (see `periodic_height`)."""
-        slope_x, slope_y = np.asarray(p, np.float32), np.asarray(q, np.float32)
-        height = periodic_height(slope_x, slope_y)
-        return cls(height, slope_x, slope_y, np.asarray(albedo, np.float32), name)
-
     def band_limited(self) -> PeriodicSurface:
-        """Remove the waves that a pixel grid holds only along its diagonals."""
+        """Remove the frequencies that a pixel grid holds along its diagonals alone."""
         shape = self.height.shape
         gain = round_band_limit(*shape)
         height, p, q, albedo = (
@@ -146,7 +137,7 @@ class PeriodicSurface:
     @cached_property
     def _coefficients(self) -> FloatMap:
         """Spline coefficients of height, p, q and albedo, computed once for all patches."""
-        return spline_coefficients(np.stack([self.height, self.p, self.q, self.albedo]))
+        return _spline_coefficients(np.stack([self.height, self.p, self.q, self.albedo]))
 
     def patch(self, view: View) -> SurfacePatch:
         """Cut a square, patch(x) = tile(R(-rotate) x / magnification + shift) about the centre.
@@ -155,7 +146,7 @@ class PeriodicSurface:
         """
         rows, cols = self.height.shape
         right, up = view.shift_px
-        height, p, q, albedo = sample_rotated(
+        height, p, q, albedo = _sample_rotated(
             self._coefficients,
             centre_row=0.5 * (view.size_px - 1) + (rows - view.size_px) // 2 - up,
             centre_col=0.5 * (view.size_px - 1) + (cols - view.size_px) // 2 + right,
@@ -231,7 +222,7 @@ def _derivative_factors(
 _STRIP_PX = 1 << 14
 
 
-def spline_coefficients(channels: FloatMap) -> FloatMap:
+def _spline_coefficients(channels: FloatMap) -> FloatMap:
     """Coefficients (2H, 2W, C) of the cubic B-spline through the pixels of periodic (C, H, W).
 
     Its rms error between the pixels is 0.6 % at 0.4 cycles/px, and 0.01 % at 0.15.
@@ -269,13 +260,13 @@ def _zero_padded(
     return padded
 
 
-def sample_rotated(
+def _sample_rotated(
     coefficients: FloatMap,
     centre_row: float,
     centre_col: float,
     rotate_deg: float,
     side_px: int,
-    magnification: float = 1.0,
+    magnification: float,
 ) -> FloatMap:
     """Interpolate a rotated square (C, side_px, side_px) from coefficients of a periodic tile."""
     fine_rows, fine_cols, count = coefficients.shape

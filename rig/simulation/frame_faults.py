@@ -12,7 +12,7 @@ from rig.cameras.camera import Camera, CameraInfo, Frame
 from rig.config.simulation import MAX_FRAMES_BACK, FrameFault
 from rig.errors import CameraError
 
-from .sensor import digital
+from .sensor import quantised
 
 
 class FaultyCamera:
@@ -100,9 +100,9 @@ class FaultyCamera:
         elif fault.kind == "dark":
             rng = np.random.default_rng((self._seed, frame.sequence))
             noise = (self.info.read_noise_dn or 0.0) * rng.standard_normal(pixels.shape)
-            pixels = digital(noise + black, frame.bit_depth)
+            pixels = quantised(noise + black, frame.bit_depth)
         elif fault.kind == "drift":
             drifting_s = frame.exposure_start_s - self._started_s - fault.when.from_s
             gain = max(0.0, 1.0 + fault.rate_per_s * drifting_s)
-            pixels = digital(black + gain * (pixels - black), frame.bit_depth)
+            pixels = quantised(black + gain * (pixels - black), frame.bit_depth)
         return replace(frame, pixels=pixels)

@@ -11,7 +11,7 @@ from classify.base.arrays import FloatMap
 from rig.cameras.camera import Pixels
 
 
-def digital(values: npt.NDArray[np.floating[Any]], bit_depth: int) -> Pixels:
+def quantised(values: npt.NDArray[np.floating[Any]], bit_depth: int) -> Pixels:
     """Round and clip values to a bit depth: uint8 for 8 bits, else uint16."""
     rounded = np.clip(np.rint(values), 0, (1 << bit_depth) - 1)
     pixels: Pixels = rounded.astype(np.uint8 if bit_depth == 8 else np.uint16)
@@ -23,11 +23,10 @@ class SensorModel:
     """A monochrome sensor of a common industrial camera."""
 
     bit_depth: int = 12
-    # electrons at which a pixel saturates; the converter's full scale
-    full_well_e: float = 10_000.0
+    full_well_e: float = 10_000.0  # electrons of a saturated pixel, at the highest pixel value
     read_noise_e: float = 5.0  # rms
     white_e_per_ms: float = 425.0  # white that faces one LED: 85 % of the well in 20 ms
-    # of the converter's range, so that noise around 0 is not cut
+    # Share of the highest pixel value, so that noise around 0 is not cut.
     black_level_fraction: float = 1.0 / 64.0
     response_gamma: float = 1.0  # linear shares of full scale are raised to 1 / gamma
     hot_pixels: int = 0  # number of pixels that are too bright by 10 to 100 % of the full well
@@ -110,7 +109,7 @@ class RecordedPixels:
 
     def expose(self, light_ms: FloatMap, _rng: np.random.Generator) -> Pixels:
         """Pixel values for an exposure; `light_ms` is pixel values times milliseconds."""
-        return digital(light_ms / np.float32(self.exposure_ms), self.bit_depth)
+        return quantised(light_ms / np.float32(self.exposure_ms), self.bit_depth)
 
 
 Sensor = SensorModel | RecordedPixels
