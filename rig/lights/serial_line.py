@@ -101,7 +101,7 @@ class _BytePort(Protocol):
         """Release the port; never raise."""
 
 
-def _open_port(port: str, baud: int, write_timeout_s: float) -> _BytePort:
+def open_port(port: str, baud: int, write_timeout_s: float) -> _BytePort:
     """Open a serial device, ``socket://HOST:PORT``, or another URL that pyserial knows."""
     try:
         address = urlsplit(port)
@@ -236,7 +236,7 @@ class SerialLine:
     def __init__(self, port: str, baud: int, write_timeout_s: float) -> None:
         self.port = port
         self._buffer = bytearray()
-        self._byte_port = _open_port(port, baud, write_timeout_s)
+        self._byte_port = open_port(port, baud, write_timeout_s)
 
     def write(self, data: bytes) -> None:
         """Send `data`; raise `LightControllerError` if the port is gone or accepts nothing."""

@@ -216,13 +216,13 @@ def list_genicam_cameras() -> list[ListedCamera]:
     return [*map(_with_formats, detected), *_inaccessible_usb_cameras()]
 
 
-_USB_DEVICES = Path("/sys/bus/usb/devices")
+USB_DEVICES = Path("/sys/bus/usb/devices")
 
 
 def _inaccessible_usb_cameras() -> Iterator[ListedCamera]:
     """USB3 Vision cameras that this user may not open; Aravis passes over them."""
-    for interface in _USB_DEVICES.glob("*:*"):
-        usb = _USB_DEVICES / interface.name.partition(":")[0]
+    for interface in USB_DEVICES.glob("*:*"):
+        usb = USB_DEVICES / interface.name.partition(":")[0]
         try:
             values = [interface / f"bInterface{name}" for name in ("Class", "SubClass", "Protocol")]
             if [path.read_text().strip() for path in values] != ["ef", "05", "00"]:
@@ -264,7 +264,7 @@ def _with_formats(detected: ListedCamera) -> ListedCamera:
         camera.close()
 
 
-_MAX_BUFFER_FILE = Path("/proc/sys/net/core/rmem_max")
+MAX_BUFFER_FILE = Path("/proc/sys/net/core/rmem_max")
 # Share of a link's rate that remains for pixels beside the headers of packets: 115 MB/s of gigabit
 # Ethernet.
 _PIXEL_SHARE = 0.92
@@ -298,7 +298,7 @@ def network_faults(info: CameraInfo) -> Iterator[CameraFault]:
         )
     needed_bytes = FRAMES_IN_SOCKET * frame_bytes
     try:
-        max_bytes = int(_MAX_BUFFER_FILE.read_text())
+        max_bytes = int(MAX_BUFFER_FILE.read_text())
     except (OSError, ValueError):
         return  # not Linux
     if max_bytes < needed_bytes:

@@ -27,7 +27,7 @@ class StalledPort:
 
 @pytest.fixture
 def line(monkeypatch: pytest.MonkeyPatch) -> SerialLine:
-    monkeypatch.setattr(serial_line, "_open_port", lambda *_: StalledPort())
+    monkeypatch.setattr(serial_line, "open_port", lambda *_: StalledPort())
     return SerialLine("stalled", 115_200, 1.0)
 
 

@@ -76,7 +76,7 @@ def test_a_usb_camera_that_may_not_be_opened_is_listed_with_the_rules(
         (tmp_path / folder).mkdir()
         for name, text in files.items():
             (tmp_path / folder / name).write_text(f"{text}\n")
-    monkeypatch.setattr(genicam_camera, "_USB_DEVICES", tmp_path)
+    monkeypatch.setattr(genicam_camera, "USB_DEVICES", tmp_path)
     monkeypatch.setattr(genicam_camera, "find_devices", list)
     (camera,) = list_genicam_cameras()
     (check,) = check_cameras([camera], None)
@@ -96,7 +96,7 @@ def test_a_network_that_is_too_slow_for_the_frames_is_named(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     rmem_max = tmp_path / "rmem_max"
-    monkeypatch.setattr(genicam_camera, "_MAX_BUFFER_FILE", rmem_max)
+    monkeypatch.setattr(genicam_camera, "MAX_BUFFER_FILE", rmem_max)
     rmem_max.write_text("8000000\n")
 
     def faults(camera: CameraInfo) -> list[str]:
