@@ -10,9 +10,8 @@ from typing import Protocol
 from .clock import Clock
 from .firmware import STROBE_BUFFER_EDGES
 
-# Number of switches in the history, which must reach back to the oldest frame in a camera's
-# buffers. A set switches an LED twice: the history covers 4,000 sets without a read frame, and
-# takes 1.3 MB for each LED.
+# Number of switches in the history, which must reach back to the oldest unread frame. A set
+# switches an LED twice: the history covers 4,000 sets, and takes 1.3 MB for each LED.
 _HISTORY_EVENTS = 8192
 _TAU_PER_10_90 = 1.0 / math.log(9.0)  # an exponential goes from 10 % to 90 % in tau * ln 9
 
@@ -100,7 +99,7 @@ class Led:
 
 _MAX_DUTY_PERCENT = 50  # as on the Pico
 _OUTPUT_BYTES = 4096  # buffer for a host that does not read; about 100 replies
-_CLOCK_ROUNDING_S = 1e-6  # of the clock's nanoseconds to the firmware's microseconds
+_CLOCK_ROUNDING_S = 1e-6  # the clock has nanoseconds, the firmware microseconds
 
 
 class Board(Protocol):
@@ -186,7 +185,7 @@ class SimulatedBoard:
         self._sent = b""
         self._strobe_edges: list[tuple[int, bool]] = []
         self._part_edges: list[int] = []
-        self._triggered: Callable[[], object] = lambda: None
+        self._trigger_camera: Callable[[], object] = lambda: None
 
     # Interface to the firmware
 
@@ -234,7 +233,7 @@ class SimulatedBoard:
 
     def trigger(self) -> int:
         triggered_us = self.micros()
-        self._triggered()
+        self._trigger_camera()
         return triggered_us
 
     # Interface to host and camera
@@ -264,7 +263,7 @@ class SimulatedBoard:
 
     def on_trigger(self, callback: Callable[[], object]) -> None:
         """Connect a camera: call `callback` at the beginning of each trigger pulse."""
-        self._triggered = callback
+        self._trigger_camera = callback
 
     def reset(self) -> None:
         """Power cycle: LEDs off, waiting bytes and edges lost, `micros` starts again at 0."""

@@ -28,7 +28,7 @@ class Clock(Protocol):
 
 
 class _Agenda:
-    """Calls in the order of their times. Thread-safe."""
+    """A thread-safe priority queue of calls by time."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

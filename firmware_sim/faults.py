@@ -118,13 +118,13 @@ class LedFault(_FaultModel):
             return 1.0
         if self.kind == "dead":
             return 0.0
-        missing = 1.0
+        depth = 1.0  # of the fault: "dim" is constant
         if self.kind == "flicker":
-            missing = 0.5 + 0.5 * math.sin(2.0 * math.pi * self.frequency_hz * at_s)
+            depth = 0.5 + 0.5 * math.sin(2.0 * math.pi * self.frequency_hz * at_s)
         elif self.kind == "unsteady":
             slot = math.floor(at_s * self.frequency_hz)
-            missing = random.Random(f"{rng_key} {slot}").random()
-        return 1.0 - self.share * missing
+            depth = random.Random(f"{rng_key} {slot}").random()
+        return 1.0 - self.share * depth
 
     def floor(self, at_s: float) -> float:
         """The light that the LED gives at a time even while it is switched off."""
@@ -176,7 +176,7 @@ class _FaultyLed:
 
 
 class _SwappedLed:
-    """An LED whose cable may be exchanged: its pin drives `driven`, its light is that of `own`."""
+    """An LED whose cable may be exchanged: its pin drives `driven`, its light comes from `own`."""
 
     def __init__(self, own: LedLight, driven: LedLight) -> None:
         self.drive = driven.drive

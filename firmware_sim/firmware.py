@@ -221,7 +221,7 @@ class Firmware:
         self._watchdog_ms = WATCHDOG_DEFAULT_MS
         self._fed_us = board.micros()  # time of the command that fed the watchdog last
         self._parts = 0  # number of parts that the sensor has seen since the boot
-        self._part_us = -1  # time of the latest
+        self._part_us = -1  # time of the latest part
         self.stopped = False  # set when the host wants to flash the board
         # header: (smallest and largest number of parameters, handler)
         self._commands: dict[str, tuple[int, int, Callable[..., str]]] = {
@@ -236,12 +236,12 @@ class Firmware:
             "LED:LEV": (2, 2, self._set_level),
             "LED:LEV?": (1, 1, self._level),
             "LED:LIM?": (1, 1, self._limits),
-            "LED:STAT?": (0, 0, self._state),
+            "LED:STAT?": (0, 0, self._led_status),
             "PART:WAIT": (1, 1, self._wait_for_part),
-            "PART:STAT?": (0, 0, self._parts_seen),
+            "PART:STAT?": (0, 0, self._part_status),
             "SEQ:ARM": (3, 2 + MAX_STEPS, lambda *numbers: self._start(False, *numbers)),
             "SEQ:TRIG": (3, 2 + MAX_STEPS, lambda *numbers: self._start(True, *numbers)),
-            "SEQ:STAT?": (0, 0, self._progress),
+            "SEQ:STAT?": (0, 0, self._sequence_status),
             "SEQ:STEP?": (1, 1, self._step),
         }
         self._reset()
@@ -409,7 +409,7 @@ class Firmware:
         self._require_led(led)
         return _fields([led, self._board.max_on_ms(led), self._board.max_duty_percent(led)])
 
-    def _state(self) -> str:
+    def _led_status(self) -> str:
         levels = _fields(self._leds.levels_percent)
         return f"{self._leds.selected},{levels},{self._board.micros()}"
 
@@ -431,10 +431,10 @@ class Firmware:
         self._delay_us = delay_us
         return str(delay_us)
 
-    def _parts_seen(self) -> str:
+    def _part_status(self) -> str:
         return _fields([self._parts, self._part_us, self._board.micros()])
 
-    def _progress(self) -> str:
+    def _sequence_status(self) -> str:
         sequence = self.sequence
         now_us = self._board.micros()
         passed_us = (now_us if sequence.running else sequence.ended_us) - sequence.started_us
@@ -460,6 +460,7 @@ class Firmware:
             raise _CommandError(_LED_RESTS)
 
     def _darken(self, code: int) -> None:
+        """Put the LEDs out for an error, which ends a sequence and goes into the queue."""
         if self.sequence.running:
             self.sequence.end(code)
         self._leds.light(DARK)
