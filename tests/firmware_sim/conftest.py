@@ -13,13 +13,23 @@ class Device:
     clock: VirtualClock
     board: SimulatedBoard
     controller: SimulatedController
+    banner: bytes  # sent at the start
 
     def exchange(self, data: bytes) -> bytes:
         self.controller.feed(data)
         return self.controller.take_output()
 
+    def ask(self, command: str) -> list[int]:
+        """The numbers of the reply to a command, which must be accepted."""
+        reply = self.exchange(command.encode() + b"\n").decode()
+        assert reply.startswith("OK "), reply
+        return [int(field) for field in reply.removeprefix("OK ").split(",")]
+
     def strobe(self, exposing: bool) -> None:
         self.board.strobe(exposing, self.clock.now_s())
+
+    def see_part(self) -> None:
+        self.board.see_part(self.clock.now_s())
 
     def lit(self) -> list[float]:
         """The output of each LED, once it has settled."""
@@ -33,18 +43,15 @@ def _new_device(max_on_ms: int = 120_000, **options: object) -> Device:
     board = SimulatedBoard(clock, max_on_ms=max_on_ms)
     controller = SimulatedController(board, clock, **options)
     clock.on_tick(controller.poll)
-    return Device(clock, board, controller)
+    return Device(clock, board, controller, controller.take_output())
 
 
 @pytest.fixture(scope="session")
 def new_device() -> Callable[..., Device]:
-    """Make a device whose banner has not been read."""
+    """Make a device with other options."""
     return _new_device
 
 
 @pytest.fixture
 def device() -> Device:
-    """A device whose banner has been read."""
-    made = _new_device()
-    made.controller.take_output()
-    return made
+    return _new_device()

@@ -5,7 +5,6 @@ BANNER = b"READY PS4RIG,LED4,SIM-0001,2.1.0,2\n"
 
 def test_each_line_costs_its_delay_before_it_is_executed(new_device):
     device = new_device(link_delay_ms=2.5)
-    device.controller.take_output()
     assert device.exchange(b"LED:SEL 0\nLED:SEL 1\n") == b"OK 0,2500\nOK 1,5000\n"
     assert device.exchange(b"LED:") == b""
     assert device.clock.now_s() == 0.005

@@ -26,7 +26,6 @@ def test_crc8_is_polynomial_division(data):
 @given(sequence=st.integers(0, 65535), led=st.integers(0, 3))
 def test_a_line_with_checksum_gets_a_reply_with_checksum(new_device, sequence, led):
     device = new_device()
-    device.controller.take_output()
     reply = device.exchange(sealed(b"#%d LED:SEL %d" % (sequence, led)) + b"\n")
     assert reply == sealed(b"#%d OK %d,1000" % (sequence, led)) + b"\n"
 
@@ -37,7 +36,6 @@ def test_a_damaged_byte_never_switches(new_device, damage, place):
     seal = sealed(message)[-3:]
     message[place] ^= damage
     device = new_device()
-    device.controller.take_output()
     reply = device.exchange(bytes(message) + seal + b"\n")
     # A damaged byte may become a line end; then neither part may be executed.
     assert b"OK" not in reply

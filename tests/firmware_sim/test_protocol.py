@@ -17,7 +17,7 @@ def test_the_readme_has_its_transcripts():
 @pytest.mark.parametrize("transcript", TRANSCRIPTS)
 def test_the_device_replies_as_in_the_readme(new_device, transcript):
     device = new_device(pass_us=(100.0, 100.0))
-    received = device.controller.take_output().decode()
+    received = device.banner.decode()
     for line in transcript.splitlines():
         if line.startswith("> "):
             assert received == "", "the README leaves out a reply"
@@ -26,7 +26,7 @@ def test_the_device_replies_as_in_the_readme(new_device, transcript):
             passed_us, _, edge = line[2:].partition(" us")
             device.clock.sleep_s(int(passed_us) / 1e6)
             if edge == ", part":
-                device.board.see_part(device.clock.now_s())
+                device.see_part()
             elif edge:
                 device.strobe({", strobe on": True, ", strobe off": False}[edge])
         else:

@@ -22,28 +22,22 @@ class Run:
             self.device.clock.sleep_s(passed_us / 1e6)
             self.device.strobe(exposing)
 
-    def ask(self, command: str) -> list[int]:
-        reply = self.device.exchange(command.encode() + b"\n").decode()
-        assert reply.startswith("OK "), reply
-        return [int(field) for field in reply.removeprefix("OK ").split(",")]
-
     def steps(self) -> list[list[int]]:
-        _, begun, *_ = self.ask("SEQ:STAT?")
-        return [self.ask(f"SEQ:STEP? {index}") for index in range(begun)]
+        _, begun, *_ = self.device.ask("SEQ:STAT?")
+        return [self.device.ask(f"SEQ:STEP? {index}") for index in range(begun)]
 
     @property
     def code(self) -> int:
-        return self.ask("SEQ:STAT?")[3]
+        return self.device.ask("SEQ:STAT?")[3]
 
     @property
     def running(self) -> bool:
-        return bool(self.ask("SEQ:STAT?")[0])
+        return bool(self.device.ask("SEQ:STAT?")[0])
 
 
 def begin(device, command: str) -> Run:
-    reply = device.exchange(command.encode() + b"\n").decode()
-    assert reply.startswith("OK "), reply
-    return Run(device, int(reply[3:]))
+    (start_us,) = device.ask(command)
+    return Run(device, start_us)
 
 
 def arm(device, *lights: int, timeout_us: int = 100_000) -> Run:
@@ -64,7 +58,7 @@ def test_each_light_gets_one_exposure_and_the_leds_are_off_afterwards(device):
         assert (triggered_us, exposures) == (-1, 1)
         if index:
             assert 0 < lit_us - steps[index - 1][4] <= 200  # one pass of the main loop
-    passed_us = run.ask("SEQ:STAT?")[5]
+    passed_us = device.ask("SEQ:STAT?")[5]
     assert 0 < passed_us - steps[-1][4] <= 200
 
 
@@ -98,7 +92,6 @@ def test_edges_from_before_the_start_are_ignored(device):
 
 def test_a_busy_loop_is_late_but_counts_correctly(new_device):
     device = new_device(pass_us=(20_000.0, 20_000.0))
-    device.controller.take_output()
     run = arm(device, 0, 1, timeout_us=1_000_000)
     for _ in range(8):
         run.expose(pause_us=1000, exposure_us=4000)
@@ -174,7 +167,6 @@ def test_a_timed_sequence_triggers_each_exposure(device):
 
 def test_triggers_are_never_closer_than_the_interval(new_device):
     device = new_device(pass_us=(50.0, 5000.0))
-    device.controller.take_output()
     run = begin(device, f"SEQ:TRIG {SETTLE_US},20000,0,1,2,3,0,1,2,3")
     device.clock.sleep_s(0.3)
     triggers_us = [step[2] for step in run.steps()]
@@ -207,14 +199,13 @@ def test_the_record_of_a_sequence_stays_until_the_next(device):
 )
 def test_an_exposure_counts_only_under_one_settled_light(new_device, timing, lights):
     device = new_device()
-    device.controller.take_output()
     run = arm(device, *lights)
     light_changes_us: list[int] = []
     for pause_us, exposure_us in timing:
         run.expose(pause_us, exposure_us)
     device.clock.sleep_s(0.001)
     steps = run.steps()
-    light_changes_us = [step[1] for step in steps] + [run.ask("SEQ:STAT?")[5]]
+    light_changes_us = [step[1] for step in steps] + [device.ask("SEQ:STAT?")[5]]
     assert [step[0] for step in steps] == lights[: len(steps)]
     for index, (_, lit_us, _, begun_us, ended_us, _) in enumerate(steps):
         if begun_us >= 0:
@@ -228,7 +219,6 @@ def test_an_exposure_counts_only_under_one_settled_light(new_device, timing, lig
 
 def test_keep_alive_commands_do_not_extend_the_time_limit_of_an_led(new_device):
     device = new_device(max_on_ms=1000)
-    device.controller.take_output()
     device.exchange(b"SYST:WDOG 200\nLED:SEL 1\n")
     for _ in range(9):
         device.clock.sleep_s(0.1)
@@ -259,7 +249,6 @@ def test_the_duty_limit_holds_in_the_long_run(new_device):
 
 def test_selecting_an_led_again_does_not_refill_its_budget(new_device):
     device = new_device(max_on_ms=1000)
-    device.controller.take_output()
     for _ in range(9):
         assert device.exchange(b"LED:SEL 0\n").startswith(b"OK")
         device.clock.sleep_s(0.1)
@@ -269,7 +258,6 @@ def test_selecting_an_led_again_does_not_refill_its_budget(new_device):
 
 def test_the_time_limit_of_an_led_ends_a_sequence(new_device):
     device = new_device(max_on_ms=1000)
-    device.controller.take_output()
     device.exchange(b"LED:SEL 0\n")
     device.clock.sleep_s(0.4)
     run = arm(device, 0, timeout_us=60_000_000)

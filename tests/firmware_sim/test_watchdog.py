@@ -9,9 +9,7 @@ NO_ERROR = b'OK 0,"No error"\n'
 @pytest.fixture
 def instant(new_device):
     """A device without line delay, so that time passes only in sleeps."""
-    device = new_device(link_delay_ms=0.0)
-    device.controller.take_output()
-    return device
+    return new_device(link_delay_ms=0.0)
 
 
 def test_the_watchdog_trips_at_its_time_and_not_before(instant):
