@@ -16,38 +16,12 @@ from capture.calibration.ps4cal import CalibrationFile, PartRecord
 from capture.calibration.setting import Setting
 from classify.calibration.dark import Dark
 from rig import Rig, RigConfig, open_rig
-from rig.cameras.v4l2 import abi
-from rig.cameras.v4l2.device import VideoFormat
 from rig.simulation.rig import Simulation
 from tests.rig.cameras.test_opencv import V4l2Video
-from tests.rig.cameras.v4l2.test_measurement_mode import FakeCamera, Knob, usual_knobs
+from tests.rig.cameras.v4l2.test_measurement_mode import StreamingCamera
 
 CAMERA = {"width_px": 64, "height_px": 48, "exposure_ms": 5.0, "frame_rate_hz": 100.0}
 Opener = Callable[[float], AbstractContextManager[Rig]]
-
-
-class StreamingCamera(FakeCamera):
-    """A `FakeCamera` that can be opened."""
-
-    driver, bus = "fake", "usb"
-
-    def __init__(self, _path: str) -> None:
-        super().__init__(usual_knobs() | {abi.Cid.BRIGHTNESS: Knob("Brightness", 128, 0, 255)})
-
-    def set_format(self, _fourcc: str, width_px: int, _height_px: int) -> VideoFormat:
-        return VideoFormat(width_px, "full range")
-
-    def set_frame_rate(self, rate_hz: float) -> float:
-        return 1.0 / rate_hz
-
-    def claim(self, buffers: int) -> int:
-        return buffers
-
-    def start(self) -> None:
-        pass
-
-    def close(self) -> None:
-        pass
 
 
 @contextmanager

@@ -44,6 +44,19 @@ def bench() -> Iterator[Bench]:
         yield Bench(clock, board, controller, server)
 
 
+@pytest.fixture
+def served_port() -> Iterator[Callable[[str], str]]:
+    """Plug in a controller with a serial number; return its port."""
+    with ExitStack() as stack:
+
+        def plug_in(serial_number: str) -> str:
+            clock = VirtualClock()
+            board = SimulatedBoard(clock, serial_number=serial_number)
+            return stack.enter_context(serve_pty(SimulatedController(board, clock))).address
+
+        yield plug_in
+
+
 class DamagedLine:
     """A pty with the real firmware; `tamper` changes each reply.
 

@@ -4,13 +4,11 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import ConfigError, LightControllerError, RigConfig
 from rig.config.lights import LightsConfig
 from rig.lights.discovery import (
@@ -30,17 +28,13 @@ PICO, UNKNOWN = "2e8a:0005", "1234:5678"
 
 
 @pytest.fixture
-def plug_in() -> Iterator[Callable[..., SerialPort]]:
+def plug_in(served_port: Callable[[str], str]) -> Callable[..., SerialPort]:
     """Plug in a controller with a serial number and properties of its USB port."""
-    with ExitStack() as stack:
 
-        def start(own: str, usb_id: str | None = PICO, serial: str | None = None) -> SerialPort:
-            clock = VirtualClock()
-            board = SimulatedBoard(clock, serial_number=own)
-            server = stack.enter_context(serve_pty(SimulatedController(board, clock)))
-            return SerialPort(server.address, usb_id, serial)
+    def listed(own: str, usb_id: str | None = PICO, serial: str | None = None) -> SerialPort:
+        return SerialPort(served_port(own), usb_id, serial)
 
-        yield start
+    return listed
 
 
 @pytest.fixture

@@ -1,8 +1,8 @@
 """After a failure `recover` opens the line to the same controller again."""
 
 import string
-from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, suppress
+from collections.abc import Callable, Iterable
+from contextlib import suppress
 from typing import Any
 
 import pytest
@@ -10,7 +10,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture import capture_set
-from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import LightControllerError, RigConfig, open_rig
 from rig.lights.driver import LightController
 from rig.lights.link import LinkTimeouts, encode_command
@@ -113,27 +112,14 @@ def test_a_restarted_controller_gets_its_settings_again(bench: Any) -> None:
         assert lights.state().led is None  # the watchdog time is 0.7 s again
 
 
-@pytest.fixture
-def devices() -> Iterator[Callable[[str], str]]:
-    """Plug in a controller with a serial number; return its port."""
-    with ExitStack() as stack:
-
-        def plug_in(serial_number: str) -> str:
-            clock = VirtualClock()
-            board = SimulatedBoard(clock, serial_number=serial_number)
-            return stack.enter_context(serve_pty(SimulatedController(board, clock))).address
-
-        yield plug_in
-
-
 def fail(lights: LightController) -> None:
     lights._link._line.close()
     with pytest.raises(LightControllerError):
         lights.off()
 
 
-def test_the_same_controller_is_found_among_several(devices: Callable[[str], str]) -> None:
-    first, other, again = devices("A-1"), devices("B-2"), devices("A-1")
+def test_the_same_controller_is_found_among_several(served_port: Callable[[str], str]) -> None:
+    first, other, again = served_port("A-1"), served_port("B-2"), served_port("A-1")
     with LightController(first, possible_ports=lambda: ("/dev/ttyNONE", other, again)) as lights:
         fail(lights)
         lights.recover()
@@ -141,8 +127,8 @@ def test_the_same_controller_is_found_among_several(devices: Callable[[str], str
         assert lights.identity.serial_number == "A-1"
 
 
-def test_another_controller_in_its_place_is_refused(devices: Callable[[str], str]) -> None:
-    first, other = devices("A-1"), devices("B-2")
+def test_another_controller_in_its_place_is_refused(served_port: Callable[[str], str]) -> None:
+    first, other = served_port("A-1"), served_port("B-2")
     with LightController(first, possible_ports=lambda: (other,), timeouts=SHORT) as lights:
         fail(lights)
         with pytest.raises(LightControllerError, match=r"B-2 .*in place of A-1"):

@@ -12,7 +12,7 @@ import pytest
 from rig import CameraError
 from rig.cameras.v4l2 import abi
 from rig.cameras.v4l2.controls import list_controls
-from rig.cameras.v4l2.device import V4l2Device
+from rig.cameras.v4l2.device import V4l2Device, VideoFormat
 from rig.cameras.v4l2.measurement_mode import (
     V4l2CameraConfig,
     check_measurement_mode,
@@ -105,6 +105,30 @@ class FakeCamera(V4l2Device):
             raise OSError(errno.EIO, "Input/output error")
         if not knob.stubborn:
             knob.value = value
+
+
+class StreamingCamera(FakeCamera):
+    """A `FakeCamera` that a `V4l2Camera` can open."""
+
+    driver, bus = "fake", "usb"
+
+    def __init__(self, _path: str) -> None:
+        super().__init__(usual_knobs() | {abi.Cid.BRIGHTNESS: Knob("Brightness", 128, 0, 255)})
+
+    def set_format(self, _fourcc: str, width_px: int, _height_px: int) -> VideoFormat:
+        return VideoFormat(width_px, "full range")
+
+    def set_frame_rate(self, rate_hz: float) -> float:
+        return 1.0 / rate_hz
+
+    def claim(self, buffers: int) -> int:
+        return buffers
+
+    def start(self) -> None:
+        pass
+
+    def close(self) -> None:
+        pass
 
 
 def config(**changes: object) -> V4l2CameraConfig:

@@ -1,7 +1,6 @@
 """Motion JPEG frames: damage is noticed, and what cameras leave out or append is not damage."""
 
 from collections import deque
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -10,10 +9,10 @@ import pytest
 from rig import CameraError, FrameFlag
 from rig.cameras.v4l2 import camera
 from rig.cameras.v4l2.camera import V4l2Camera
-from rig.cameras.v4l2.device import Capture, VideoFormat
+from rig.cameras.v4l2.device import Capture
 from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 from rig.cameras.v4l2.pixel_formats import PIXEL_FORMATS, CorruptFrameError, decode
-from tests.rig.cameras.v4l2.test_measurement_mode import FakeCamera, usual_knobs
+from tests.rig.cameras.v4l2.test_measurement_mode import StreamingCamera
 
 WIDTH, HEIGHT = 320, 240
 MJPG = PIXEL_FORMATS["MJPG"]
@@ -76,26 +75,12 @@ def test_a_size_that_was_not_asked_for_is_no_damage() -> None:
     assert caught.type is CameraError
 
 
-class FilmedCamera(FakeCamera):
-    """Streams the given buffers."""
+class FilmedCamera(StreamingCamera):
+    """Streams three frames, of which the second lacks its end."""
 
-    def __init__(self, _: Path) -> None:
-        super().__init__(usual_knobs())
-        self.driver, self.bus = "uvcvideo", "usb-1"
+    def __init__(self, path: str) -> None:
+        super().__init__(path)
         self.buffers = deque([FRAMES["4:2:0"], FRAMES["4:2:0"][:-1000], FRAMES["4:2:2"]])
-
-    def set_format(self, *_: object) -> VideoFormat:
-        return VideoFormat(0, "full range")
-
-    def set_frame_rate(self, rate_hz: float) -> float:
-        return 1.0 / rate_hz
-
-    def claim(self, count: int) -> int:
-        return count
-
-    def start(self) -> None: ...
-
-    def close(self) -> None: ...
 
     def next_capture(self, _: float) -> Capture:
         count = 3 - len(self.buffers)
