@@ -75,7 +75,7 @@ def run_checks(
     command = [
         "env", *variables, sys.executable, *pytest_there, "--junitxml=/mnt/results.xml", checks,
     ]  # fmt: skip
-    given = {*shared.rglob("*")}
+    own_files = {*shared.rglob("*")}
     for boot in range(_BOOTS):
         try:
             console = run_in_guest(
@@ -85,7 +85,7 @@ def run_checks(
         except MachineError as error:
             if not isinstance(error, EmulatorError) or boot == _BOOTS - 1:
                 pytest.fail(str(error), pytrace=False)
-            _remove_others(shared, given)
+            _remove_others(shared, own_files)
     results = shared / "results.xml"
     if not results.exists():
         pytest.fail(f"the guest's tests did not run:\n{console}", pytrace=False)

@@ -54,8 +54,8 @@ def _unpacked(path: Path) -> bytes:
 
 def _dependencies(image: bytes) -> Iterator[str]:
     # There is no modules.dep: depmod runs when a kernel is installed, and this one is unpacked.
-    found = re.search(rb"\0depends=([^\0]*)\0", image)
-    for name in (found[1].decode() if found else "").split(","):
+    depends = re.search(rb"\0depends=([^\0]*)\0", image)
+    for name in (depends[1].decode() if depends else "").split(","):
         if name:
             yield name.replace("-", "_")
 

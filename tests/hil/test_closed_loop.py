@@ -116,9 +116,9 @@ def test_solve_accepts_the_set(loop: Loop) -> None:
 
 
 def test_the_calibration_describes_the_sensor(loop: Loop) -> None:
-    found, sensor = CalibrationFile.read(loop.shared / "rig.ps4cal"), SensorModel(bit_depth=16)
-    dark = found.calibration.dark
-    assert found.records["dark"].setting.simulated
+    file, sensor = CalibrationFile.read(loop.shared / "rig.ps4cal"), SensorModel(bit_depth=16)
+    dark = file.calibration.dark
+    assert file.records["dark"].setting.simulated
     assert dark.offset == pytest.approx(sensor.black_level_dn, rel=0.01)
     assert dark.noise == pytest.approx(sensor.read_noise_dn, rel=0.05)
     assert len(dark.hot_pixels) == HOT_PIXELS

@@ -7,10 +7,12 @@ import tty
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from firmware_sim import Server, SimulatedBoard, SimulatedController, VirtualClock, serve_pty
+from rig import RigConfig, load_config
 
 Tamper = Callable[[str, bytes], Iterable[bytes]]
 
@@ -42,6 +44,18 @@ def bench() -> Iterator[Bench]:
     controller = SimulatedController(board, clock)
     with serve_pty(controller) as server:
         yield Bench(clock, board, controller, server)
+
+
+@pytest.fixture
+def load(tmp_path: Path) -> Callable[[str], RigConfig]:
+    """Write a rig.toml, and load it."""
+    path = tmp_path / "rig.toml"
+
+    def written(text: str) -> RigConfig:
+        path.write_text(text)
+        return load_config(path)
+
+    return written
 
 
 @pytest.fixture

@@ -436,7 +436,7 @@ def interpolated(level: Pixels) -> Pixels:
     kernel = np.outer((1.0, 2.0, 1.0), (1.0, 2.0, 1.0))
     planes = []
     for mask in masks:
-        sums = [convolve(each, kernel, mode="constant") for each in (mask * level, mask)]
+        sums = [convolve(plane, kernel, mode="constant") for plane in (mask * level, mask)]
         planes.append(np.where(mask > 0, level, sums[0] // sums[1]))
     return np.dstack(planes).astype(np.uint16)
 

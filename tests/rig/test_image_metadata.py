@@ -45,7 +45,7 @@ def profile(gamma: float | None, space: bytes = b"RGB ") -> bytes:
     if gamma is None:
         numbers = (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
         curve = b"para" + bytes(4) + struct.pack(">HH", 3, 0)
-        curve += b"".join(struct.pack(">i", round(65536 * each)) for each in numbers)
+        curve += b"".join(struct.pack(">i", round(65536 * number)) for number in numbers)
     text = b"my response"
     parts = {
         b"desc": b"desc" + bytes(4) + struct.pack(">I", 12) + text + b"\0" + bytes(79),
@@ -71,7 +71,7 @@ def profile(gamma: float | None, space: bytes = b"RGB ") -> bytes:
 
 
 def xyz(*numbers: float) -> bytes:
-    fixed = [round(65536 * each) for each in numbers]
+    fixed = [round(65536 * number) for number in numbers]
     return b"XYZ " + bytes(4) + struct.pack(">iii", *fixed)
 
 

@@ -53,22 +53,22 @@ def measured(truth: Truth, steps: int = 40) -> CameraLatency:
         return measure_latency(rig, steps=steps)
 
 
-def calibrated(truth: Truth, found: CameraLatency) -> RigConfig:
-    settle_ms = max(truth.config.lights.settle_ms, found.settle_ms)
-    return truth.config.with_changes(camera=dict(found.camera), lights={"settle_ms": settle_ms})
+def calibrated(truth: Truth, latency: CameraLatency) -> RigConfig:
+    settle_ms = max(truth.config.lights.settle_ms, latency.settle_ms)
+    return truth.config.with_changes(camera=dict(latency.camera), lights={"settle_ms": settle_ms})
 
 
-def check_stored_values(truth: Truth, found: CameraLatency) -> None:
+def check_stored_values(truth: Truth, latency: CameraLatency) -> None:
     keys = ("timestamp_offset_ms", "timestamp_uncertainty_ms", "readout_ms")
-    offset_ms, uncertainty_ms, readout_ms = (float(found.camera[key]) for key in keys)
+    offset_ms, uncertainty_ms, readout_ms = (float(latency.camera[key]) for key in keys)
     earliest_ms, latest_ms = truth.offset_ms - truth.jitter_ms, truth.offset_ms
     # Never later than the truth for any jitter, and earlier by no more than the uncertainty.
     # 0.02 ms is twice the rounding of the keys.
     assert offset_ms - uncertainty_ms <= earliest_ms + 0.02
     assert offset_ms + uncertainty_ms >= latest_ms - 0.02
-    error_ms = max(5.0 * 1e3 * found.fit.readout_error_s, 0.1)
+    error_ms = max(5.0 * 1e3 * latency.fit.readout_error_s, 0.1)
     assert readout_ms == pytest.approx(truth.readout_ms, abs=error_ms)
-    rise_ms, fall_ms = 1e3 * found.fit.rise_s, 1e3 * found.fit.fall_s
+    rise_ms, fall_ms = 1e3 * latency.fit.rise_s, 1e3 * latency.fit.fall_s
     # Jitter looks like slow light: by up to twice as much with few steps of a short exposure, see
     # the example of the test of random cameras.
     within_ms = 0.3 + 2.0 * truth.jitter_ms
@@ -126,9 +126,9 @@ CAMERAS = [
 
 @pytest.mark.parametrize("truth", CAMERAS, ids=str)
 def test_the_measured_timing_is_true_and_lets_no_stale_frame_pass(truth: Truth) -> None:
-    found = measured(truth)
-    check_stored_values(truth, found)
-    check_no_frame_is_stale_or_mixed(truth, calibrated(truth, found), 25)
+    latency = measured(truth)
+    check_stored_values(truth, latency)
+    check_no_frame_is_stale_or_mixed(truth, calibrated(truth, latency), 25)
 
 
 @pytest.mark.slow
@@ -147,17 +147,17 @@ def test_the_measured_timing_is_true_and_lets_no_stale_frame_pass(truth: Truth) 
     )
 )
 def test_the_timing_of_random_cameras_is_measured(truth: Truth) -> None:
-    found = measured(truth)
-    check_stored_values(truth, found)
-    check_no_frame_is_stale_or_mixed(truth, calibrated(truth, found), 40)
+    latency = measured(truth)
+    check_stored_values(truth, latency)
+    check_no_frame_is_stale_or_mixed(truth, calibrated(truth, latency), 40)
 
 
 @pytest.mark.slow
 def test_on_the_real_clock() -> None:
     truth = Truth(60.0, 8.0, lag_ms=20.0, jitter_ms=1.0, readout_ms=8.0, clock="real")
-    found = measured(truth, steps=30)
-    check_stored_values(truth, found)
-    check_no_frame_is_stale_or_mixed(truth, calibrated(truth, found), 40)
+    latency = measured(truth, steps=30)
+    check_stored_values(truth, latency)
+    check_no_frame_is_stale_or_mixed(truth, calibrated(truth, latency), 40)
 
 
 def test_a_measured_camera_needs_fewer_frames_for_each_switch() -> None:
@@ -168,12 +168,12 @@ def test_a_measured_camera_needs_fewer_frames_for_each_switch() -> None:
 
 
 def test_first_and_last_row_change_one_readout_apart() -> None:
-    found = measured(Truth(readout_ms=15.0))
+    latency = measured(Truth(readout_ms=15.0))
     # The last row is exposed 15 ms later, so more of its exposure follows the switch.
-    difference_ms = found.first_row.typical_ms - found.last_row.typical_ms
+    difference_ms = latency.first_row.typical_ms - latency.last_row.typical_ms
     assert difference_ms == pytest.approx(15.0, abs=4.0)
-    assert found.first_row.most_ms <= 2 * 1e3 / 30 + 20.0 + 15.0 + 4.0
-    assert found.first_row.most_frames <= 3
+    assert latency.first_row.most_ms <= 2 * 1e3 / 30 + 20.0 + 15.0 + 4.0
+    assert latency.first_row.most_frames <= 3
 
 
 def test_a_triggered_rig_is_measured_by_software() -> None:

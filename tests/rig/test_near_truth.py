@@ -31,14 +31,14 @@ def errors_deg(name: str, fields: float, method: Method) -> dict[str, float]:
     distant_scene = render_frame(surface, RING, SIDE)
     scene = render_frame(surface, RING, SIDE, led_distance_px=fields * SIDE, lobe_exponent=LOBE)
     ideal = SimulatedSet.expose(distant_scene, RING, SENSOR, seed=0)
-    taken = SimulatedSet.expose(scene, RING, SENSOR, seed=0)
+    near_set = SimulatedSet.expose(scene, RING, SENSOR, seed=0)
 
     def solved(lighting: Lighting, **options: object) -> float:
         return error_deg(
             scene,
             photometric_stereo(
-                taken.images, lighting, method, ambient=taken.ambient, noise=taken.noise,
-                full_scale=taken.full_scale, **options,
+                near_set.images, lighting, method, ambient=near_set.ambient, noise=near_set.noise,
+                full_scale=near_set.full_scale, **options,
             ),
         )  # fmt: skip
 
@@ -52,7 +52,7 @@ def errors_deg(name: str, fields: float, method: Method) -> dict[str, float]:
 
 
 @pytest.mark.parametrize(
-    "name", ["rock", *(pytest.param(each, marks=pytest.mark.slow) for each in ("sand", "malv"))]
+    "name", ["rock", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sand", "malv"))]
 )
 @pytest.mark.parametrize("method", ["ps4_robust", "ps4", "least_squares"])
 @pytest.mark.parametrize(("fields", "beyond_ideal_deg"), [(5.0, 0.05), (2.0, 0.15)])

@@ -193,9 +193,9 @@ def test_a_device_that_takes_no_frames_is_named() -> None:
 def test_ctrl_c_ends_it_with_a_count_of_its_frames(simulation: ForkedProgram) -> None:
     # The checks above need the process, and those below the devices.
     os.kill(simulation.process.pid, signal.SIGINT)
-    status, said = simulation.end()
+    status, errors = simulation.end()
     assert status == 0
-    assert re.fullmatch(r"no LED lit, \d+ frames written, \d+ too late\n", said)
+    assert re.fullmatch(r"no LED lit, \d+ frames written, \d+ too late\n", errors)
 
 
 def test_dark_frames_are_measured_through_real_devices(gadget: Gadget, config: Path) -> None:
@@ -203,6 +203,6 @@ def test_dark_frames_are_measured_through_real_devices(gadget: Gadget, config: P
     covered.write_text(f"{rig_toml()}\n[simulation]\nhot_pixels = {HOT_PIXELS}\n")
     with simulated_rig(covered, gadget.far_end, "lens_cap") as simulation:
         calibrate = ("calibrate", "dark", "--rig", config, "--yes", SHARED / "rig.ps4cal")
-        status, said = ForkedProgram(*calibrate).end()
-        assert status == 0, said
+        status, errors = ForkedProgram(*calibrate).end()
+        assert status == 0, errors
         assert simulation.process.is_alive()

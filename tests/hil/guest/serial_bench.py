@@ -30,22 +30,22 @@ _TIMEOUT_S = 20.0
 
 def port_of(serial_number: str) -> str:
     """Wait for the adapter with a serial number and return its port."""
-    wanted = LightsConfig(port="auto", serial_number=serial_number)
+    lights = LightsConfig(port="auto", serial_number=serial_number)
 
-    def found() -> str:
+    def port() -> str:
         with suppress(LightControllerError):
-            return find_controller(wanted, list_serial_ports())
+            return find_controller(lights, list_serial_ports())
         return ""
 
-    return wait_for(found)
+    return wait_for(port)
 
 
 def wait_for(find: Callable[[], T]) -> T:
     """Call `find` until it returns a true value, and return that."""
     deadline_s = time.monotonic() + _TIMEOUT_S
     while time.monotonic() < deadline_s:
-        if found := find():
-            return found
+        if value := find():
+            return value
         time.sleep(0.02)
     raise AssertionError(f"still nothing after {_TIMEOUT_S:g} s")
 

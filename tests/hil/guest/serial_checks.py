@@ -76,21 +76,21 @@ def gadget_controller(gadget: Gadget) -> Iterator[SerialController]:
         yield served
 
 
-def rig_with(lights: LightController, seen: SerialController) -> Rig:
+def rig_with(lights: LightController, controller: SerialController) -> Rig:
     """A rig with a serial light controller and a simulated camera that sees the board's LEDs."""
     config = RigConfig().with_changes(
         camera={"width_px": 48, "height_px": 32, "frame_rate_hz": 10.0, "exposure_ms": 20.0},
         lights={"settle_ms": 20.0},
     )
     camera = SimulatedCamera(
-        seen.board,
-        seen.clock,
+        controller.board,
+        controller.clock,
         _card(32, 48),
         SensorModel(bit_depth=12),
-        FreeRunning(seen.clock, Shutter(0.1, 0.02)),
+        FreeRunning(controller.clock, Shutter(0.1, 0.02)),
         seed=1,
     )
-    return Rig(config, seen.clock, lights, camera, None)
+    return Rig(config, controller.clock, lights, camera, None)
 
 
 def _card(rows: int, columns: int) -> SceneImages:
@@ -112,20 +112,18 @@ def test_a_port_in_use_is_named(controller: SerialController) -> None:
 def test_a_line_unplugged_in_mid_set_ends_it_and_the_next_one_is_good(
     gadget: Gadget, gadget_controller: SerialController
 ) -> None:
-    seen = gadget_controller
-
     def pull_at_the_second_light() -> None:
-        wait_for(lambda: seen.board.output(1, seen.clock.now_s()) > 0.5)
+        wait_for(lambda: gadget_controller.board.output(1, gadget_controller.clock.now_s()) > 0.5)
         gadget.unplug()
 
     puller = threading.Thread(target=pull_at_the_second_light)
     puller.start()
-    with rig_with(seen.open(watchdog_ms=1000), seen) as rig:
+    with rig_with(gadget_controller.open(watchdog_ms=1000), gadget_controller) as rig:
         with pytest.raises((HardwareError, SetRejected), match="gone"):
             capture_set(rig)
         puller.join()
         unplugged_s = time.monotonic()
-        wait_for(lambda: seen.lit() == [])
+        wait_for(lambda: gadget_controller.lit() == [])
         assert time.monotonic() - unplugged_s < 3.0
         gadget.plug()
         port_of(GADGET)
@@ -185,7 +183,7 @@ def test_the_program_that_holds_a_port_is_named(gadget_controller: SerialControl
         [sys.executable, "-c", _HOLDS, port], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as holder:
         assert holder.stdout.readline() == b"1\n"
-        assert [each.pid for each in port_holders(port)] == [holder.pid]
+        assert [program.pid for program in port_holders(port)] == [holder.pid]
         with pytest.raises(LightControllerError, match=rf"process {holder.pid}.; close that first"):
             gadget_controller.open()
         holder.communicate(b"\n")

@@ -1,5 +1,6 @@
 """The section [camera] of rig.toml: defaults of each kind, refused values, messages."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -9,25 +10,19 @@ from rig import (
     ConfigError,
     LightControllerError,
     RigConfig,
-    load_config,
     open_rig,
 )
 from rig.cameras.v4l2.camera import V4l2Camera
 from rig.cameras.v4l2.measurement_mode import V4l2CameraConfig
 
+Load = Callable[[str], RigConfig]
 REAL = '[lights]\nport = "/dev/ttyACM0"\n[camera]\n'
 CAMERA = REAL + 'kind = "v4l2"\ndevice = "/dev/v4l/by-id/cam"\n'
 
 
-def load(folder: Path, text: str) -> RigConfig:
-    path = folder / "rig.toml"
-    path.write_text(text)
-    return load_config(path)
-
-
 @pytest.mark.parametrize(("name", "bits"), [("Y10", 10), ("SRGGB12", 12), ("GREY", 8)])
-def test_bits_follow_the_pixel_format(tmp_path: Path, name: str, bits: int) -> None:
-    config = load(tmp_path, CAMERA + f'pixel_format = "{name}"\n')
+def test_bits_follow_the_pixel_format(load: Load, name: str, bits: int) -> None:
+    config = load(CAMERA + f'pixel_format = "{name}"\n')
     assert config.camera.bits == bits
 
 
@@ -52,9 +47,9 @@ def test_bits_follow_the_pixel_format(tmp_path: Path, name: str, bits: int) -> N
         (CAMERA.replace("/dev/ttyACM0", "simulated"), r"'v4l2' .*simulated LEDs"),
     ],
 )
-def test_wrong_camera_values_are_refused(tmp_path: Path, text: str, message: str) -> None:
+def test_wrong_camera_values_are_refused(load: Load, text: str, message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        load(tmp_path, text)
+        load(text)
 
 
 @pytest.mark.parametrize(
@@ -65,23 +60,23 @@ def test_wrong_camera_values_are_refused(tmp_path: Path, text: str, message: str
         ('[lights]\nport = "simulated"\n', "simulated"),
     ],
 )
-def test_the_default_kind_follows_the_lights(tmp_path: Path, text: str, kind: str) -> None:
-    assert load(tmp_path, text).camera.kind == kind
+def test_the_default_kind_follows_the_lights(load: Load, text: str, kind: str) -> None:
+    assert load(text).camera.kind == kind
     assert RigConfig().camera.kind == "simulated"
 
 
-def test_a_timing_of_another_mode_is_refused(tmp_path: Path) -> None:
+def test_a_timing_of_another_mode_is_refused(load: Load) -> None:
     mode = "GREY 512x512, 30 Hz, 20 ms"
     timing = f'timestamp_offset_ms = -2\nreadout_ms = 8\ntiming_measured_at = "{mode}"\n'
-    assert load(tmp_path, CAMERA + timing).camera.mode == mode
-    changed = load(tmp_path, CAMERA + timing + "exposure_ms = 10\n").camera
+    assert load(CAMERA + timing).camera.mode == mode
+    changed = load(CAMERA + timing + "exposure_ms = 10\n").camera
     with pytest.raises(ConfigError, match=r"512x512, 30 Hz, 10 ms'; .*ps4rig rig latency"):
         V4l2Camera(changed)
 
 
-def test_mjpg_may_be_allowed(tmp_path: Path) -> None:
+def test_mjpg_may_be_allowed(load: Load) -> None:
     text = CAMERA + 'pixel_format = "MJPG"\nallow_compressed = true\n'
-    assert load(tmp_path, text).camera.bits == 8
+    assert load(text).camera.bits == 8
 
 
 @pytest.mark.parametrize(

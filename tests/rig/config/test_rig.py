@@ -2,31 +2,27 @@
 
 import os
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from rig import ConfigError, RigConfig, load_config
 
+Load = Callable[[str], RigConfig]
 SIMULATED = '[lights]\nport = "simulated"\n'
 
 
-def load(folder: Path, text: str) -> RigConfig:
-    path = folder / "rig.toml"
-    path.write_text(text)
-    return load_config(path)
-
-
-def test_a_file_with_simulated_lights_is_the_default_rig(tmp_path: Path) -> None:
-    config = load(tmp_path, SIMULATED)
+def test_a_file_with_simulated_lights_is_the_default_rig(load: Load) -> None:
+    config = load(SIMULATED)
     assert config == RigConfig()
     assert config.is_simulated
 
 
 @pytest.mark.parametrize("text", ["", 'name = "x"\n', "[lights]\nbaud = 9600\n"])
-def test_a_file_without_a_port_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_file_without_a_port_is_refused(load: Load, text: str) -> None:
     with pytest.raises(ConfigError, match=r"rig\.toml: lights\.port is missing.*'simulated'"):
-        load(tmp_path, text)
+        load(text)
 
 
 @pytest.mark.parametrize(
@@ -44,9 +40,9 @@ def test_a_file_without_a_port_is_refused(tmp_path: Path, text: str) -> None:
         ('[lights]\nport = "a\\u0000b"', "lights.port"),
     ],
 )
-def test_a_wrong_value_is_refused_with_file_and_key(tmp_path: Path, text: str, field: str) -> None:
+def test_a_wrong_value_is_refused_with_file_and_key(load: Load, text: str, field: str) -> None:
     with pytest.raises(ConfigError, match=rf"rig\.toml: .*{field}") as caught:
-        load(tmp_path, text)
+        load(text)
     assert caught.value.exit_status == 2
 
 

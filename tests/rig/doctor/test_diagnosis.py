@@ -87,11 +87,13 @@ FAULTS = [
 ]
 
 
-@pytest.mark.parametrize(("fault", "name", "status", "seen"), FAULTS)
-def test_each_fault_is_found(checks_of: Any, fault: str, name: str, status: str, seen: str) -> None:
+@pytest.mark.parametrize(("fault", "name", "status", "finding"), FAULTS)
+def test_each_fault_is_found(
+    checks_of: Any, fault: str, name: str, status: str, finding: str
+) -> None:
     checks = checks_of(fault)
     assert checks[name].status == status
-    assert seen in checks[name].seen
+    assert finding in checks[name].seen
     assert checks[name].advice
 
 
@@ -240,7 +242,7 @@ def test_a_missing_permission_is_named_with_group_and_rule(
     # The superuser may read and write every file.
     monkeypatch.setattr("rig.doctor.devices.os.access", lambda *_: False)
     for groups, is_own in (([], False), ([port.stat().st_gid], True)):
-        monkeypatch.setattr("rig.doctor.devices.os.getgroups", lambda found=groups: found)
+        monkeypatch.setattr("rig.doctor.devices.os.getgroups", lambda own=groups: own)
         check, *_ = check_port(str(port))
         assert check.status == "fault"
         assert "belongs to group" in check.seen
@@ -336,8 +338,8 @@ def checked(
 ) -> dict[str, Check]:
     """Check other light images with the ambient image of `images`."""
     changed = LightImages(images.ambient, lights.astype(np.uint16), images.full_scale)
-    found = check_light_images(changed, lighting or Lighting.ring(), 20.0, range_ms)
-    return {check.name: check for check in found}
+    checks = check_light_images(changed, lighting or Lighting.ring(), 20.0, range_ms)
+    return {check.name: check for check in checks}
 
 
 def scaled(images: LightImages, scale: float) -> Any:
@@ -365,8 +367,8 @@ def test_the_suggested_exposure_fits_into_a_frame(images: LightImages) -> None:
 
 def test_no_exposure_is_suggested_where_it_is_fixed(images: LightImages) -> None:
     for scale, advice in ((0.25, "brighter LEDs"), (4.0, "dim the LEDs")):
-        found = checked(images, scaled(images, scale), range_ms=(20.0, 20.0))["exposure"].advice
-        assert found.startswith(f"the exposure is fixed: {advice}")
+        exposure = checked(images, scaled(images, scale), range_ms=(20.0, 20.0))["exposure"]
+        assert exposure.advice.startswith(f"the exposure is fixed: {advice}")
 
 
 def test_saturation_is_a_fault_and_suggests_a_shorter_exposure(images: LightImages) -> None:
@@ -382,7 +384,7 @@ def test_unequal_led_levels_are_suggested_as_lights_intensities(images: LightIma
     lit = np.rint((images.lights - dark) * levels[:, None, None] + dark)
     unequal = checked(images, lit)["LED levels"]
     assert unequal.status == "warning"
-    suggested = [float(each) for each in unequal.advice.partition("[")[2].rstrip("]").split(",")]
+    suggested = [float(level) for level in unequal.advice.partition("[")[2].rstrip("]").split(",")]
     np.testing.assert_allclose(suggested, levels, atol=0.01)
     corrected = Lighting(Lighting.ring().directions, np.array(suggested))
     assert checked(images, lit, corrected)["LED levels"].status == "ok"

@@ -228,11 +228,11 @@ def test_an_unsuitable_controller_is_refused_before_any_command(
 # Replies that are damaged, late, doubled or in pieces
 
 
-def only(wanted: str, damage: Callable[[str, bytes], Iterable[bytes]]) -> Callable[..., Any]:
+def only(text: str, damage: Callable[[str, bytes], Iterable[bytes]]) -> Callable[..., Any]:
     """Damage only the replies to one command."""
 
     def tamper(command: str, reply: bytes) -> Iterable[bytes]:
-        return damage(command, reply) if wanted in command else [reply]
+        return damage(command, reply) if text in command else [reply]
 
     return tamper
 

@@ -147,26 +147,26 @@ class Damage:
         self.late: list[bytes] = []
 
     def __call__(self, _command: str, reply: bytes) -> Iterable[bytes]:
-        held, self.late = self.late, []
+        late, self.late = self.late, []
         if not self.plan or not reply:
-            return [*held, reply]
+            return [*late, reply]
         kind, number = self.plan.pop(0)
         if kind == "late":  # comes before the next reply
             self.late = [reply]
-            return held
+            return late
         if kind == "doubled":
-            return [*held, reply, reply]
+            return [*late, reply, reply]
         if kind == "truncated":
-            return [*held, reply[: number % len(reply)]]
+            return [*late, reply[: number % len(reply)]]
         if kind == "garbled":
             at = number % len(reply)
             letter = string.printable[number % 97].encode()
-            return [*held, reply[:at] + letter + reply[at + 1 :]]
+            return [*late, reply[:at] + letter + reply[at + 1 :]]
         if kind == "noise":
-            return [*held, bytes([number % 256]) * (number % 7), reply]
+            return [*late, bytes([number % 256]) * (number % 7), reply]
         if kind == "banner":
-            return [*held, b"READY PS4RIG,LED4,SIM-0001,1.0.0,1\n", reply]
-        return [*held, reply]
+            return [*late, b"READY PS4RIG,LED4,SIM-0001,1.0.0,1\n", reply]
+        return [*late, reply]
 
 
 KINDS = st.sampled_from(["late", "doubled", "truncated", "garbled", "noise", "banner", "whole"])

@@ -112,13 +112,13 @@ def test_cells_do_not_depend_on_the_threads_of_opencv() -> None:
     """With one thread OpenCV takes its distances from another library, which rounds otherwise."""
     threads = cv2.getNumThreads()
     try:
-        found = []
+        surfaces = []
         for count in (1, 2):
             cv2.setNumThreads(count)
-            found.append(synthetic_surface("cobbles", 0, SIDE))
+            surfaces.append(synthetic_surface("cobbles", 0, SIDE))
     finally:
         cv2.setNumThreads(threads)
-    np.testing.assert_array_equal(found[0].height, found[1].height)
+    np.testing.assert_array_equal(surfaces[0].height, surfaces[1].height)
 
 
 @pytest.mark.parametrize("name", FOUR_AND_MORE)
@@ -159,8 +159,10 @@ def test_spectra_do_not_depend_on_the_size_of_the_tile(name: str) -> None:
 def test_two_textures_have_equal_power_spectra_of_relief(name: str, partner: str) -> None:
     seeds = range(6)
     ours, theirs = (
-        banded(np.mean([slope_power(surface_of(each, seed)) for seed in seeds], axis=0), sectors=2)
-        for each in (name, partner)
+        banded(
+            np.mean([slope_power(surface_of(texture, seed)) for seed in seeds], axis=0), sectors=2
+        )
+        for texture in (name, partner)
     )
     strong = theirs > 1e-3 * theirs.max()
     assert np.abs(np.log(ours / theirs))[strong].mean() < 0.15

@@ -37,8 +37,8 @@ def test_a_mirror_sphere_shows_each_led_halfway_between_it_and_the_camera(
     for direction, image in zip(RING.directions, scene.lights, strict=True):
         bright = np.maximum(image - 0.1 * image.max(), 0.0)
         rows, cols = np.indices(image.shape)
-        found = np.array([(cols * bright).sum(), (rows * bright).sum()]) / bright.sum()
-        offset = np.array([found[0] - col, row - found[1]]) / 60.0
+        spot = np.array([(cols * bright).sum(), (rows * bright).sum()]) / bright.sum()
+        offset = np.array([spot[0] - col, row - spot[1]]) / 60.0
         normal = np.array([*offset, np.sqrt(1.0 - offset @ offset)])
         at = np.array([col - 99.5, 99.5 - row, 60.0]) + 60.0 * normal
         towards = distance_px * direction - at
@@ -80,8 +80,8 @@ def test_corners_of_the_checkerboard_are_where_they_should_be(
     board = target_named("checkerboard", (SIDE_PX, SIDE_PX), 0, 5.0 / square_px)
     image = board.patch(View(SIDE_PX, rotate_deg, shift_px)).albedo
     grey = (255 * image / image.max()).astype(np.uint8)
-    found, corners = cv2.findChessboardCornersSB(grey, CHECKERBOARD_CORNERS)
-    assert found
+    is_complete, corners = cv2.findChessboardCornersSB(grey, CHECKERBOARD_CORNERS)
+    assert is_complete
     refined = cv2.cornerSubPix(grey, corners, (4, 4), (-1, -1), (3, 50, 1e-3))
     points = refined.reshape(-1, 2).astype(np.float64)
     row, col = where(rotate_deg, shift_px)

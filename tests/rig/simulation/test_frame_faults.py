@@ -38,7 +38,7 @@ def test_frames_are_dropped_or_repeated_by_number(kind: str, sequences: list[int
 
 @pytest.mark.parametrize("kind", ["dropped", "gone"])
 def test_a_frame_that_is_not_delivered_is_not_repeated_either(kind: str) -> None:
-    faults = [{"kind": each, "when": {"nth": 2}} for each in ("repeated_frame", kind)]
+    faults = [{"kind": name, "when": {"nth": 2}} for name in ("repeated_frame", kind)]
     with rig_with(*faults) as rig:
         assert rig.camera.read(1.0).sequence == 0
         if kind == "dropped":

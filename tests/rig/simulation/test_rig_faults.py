@@ -38,8 +38,8 @@ def plain_rendering(config: RigConfig, surface: PeriodicSurface) -> Image:
     top, left = (size - rows) // 2, (size - cols) // 2
     height = patch.height - np.mean(patch.height)
     height, p, q, albedo = (
-        each[top : top + rows, left : left + cols].astype(np.float64)
-        for each in (height, patch.p, patch.q, patch.albedo)
+        plane[top : top + rows, left : left + cols].astype(np.float64)
+        for plane in (height, patch.p, patch.q, patch.albedo)
     )
     x = (np.arange(cols) - (cols - 1) / 2)[None, :] + 0.0 * height
     y = ((rows - 1) / 2 - np.arange(rows))[:, None] + 0.0 * height
@@ -85,7 +85,9 @@ def test_the_pixels_are_those_of_a_plain_rendering(
         response_gamma=gamma,
     )  # fmt: skip
     rng = np.random.default_rng(0)
-    pixels = np.stack([sensor.expose((each + scene.ambient) * 20.0, rng) for each in scene.lights])
+    pixels = np.stack(
+        [sensor.expose((light + scene.ambient) * 20.0, rng) for light in scene.lights]
+    )
     expected = plain_rendering(config, synthetic_surface("malv", 1, tile_side_px(56)))
     lit = ~scene.shadowed
     assert lit.mean() > 0.5

@@ -22,7 +22,7 @@ def test_without_shadow_three_lights_give_the_true_slopes() -> None:
     assert clean.ambient is not None
     assert clean.images.min() < np.median(clean.ambient)  # negative light is kept
     error, shadow_error = (
-        np.abs(each.solve("ps3a").p - SAND.p).mean() for each in (clean, shadowed)
+        np.abs(images.solve("ps3a").p - SAND.p).mean() for images in (clean, shadowed)
     )
     assert error < 0.03
     assert shadow_error > 3.0 * error

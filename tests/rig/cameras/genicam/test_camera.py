@@ -57,7 +57,7 @@ def frames_are_left(rig: Rig) -> bool:
 def test_it_is_listed_with_the_keys_that_open_it(served: GigeRig) -> None:
     # A search of half a second may miss a camera of a busy machine.
     searches = (list_cameras() for _ in range(20))
-    listed = next(camera for found in searches for camera in found if camera.kind == "genicam")
+    listed = next(camera for cameras in searches for camera in cameras if camera.kind == "genicam")
     assert (listed.device, listed.name, listed.problem) == (DEVICE, "Aravis Fake", None)
     assert 'pixel_format = "Mono12p"' in listed.config_lines
     for name in (DEVICE, ADDRESS, "SIM-0001"):

@@ -21,12 +21,12 @@ OPENED_S = 1000.0
 def test_each_period_has_the_next_number(steps: list[int], rate_hz: float, first_s: float) -> None:
     # Period and stamps are rounded as in a driver.
     frames = FrameNumbering(OPENED_S, round(1e9 / rate_hz) / 1e9)
-    number, numbers, seen = 0, [], []
+    number, numbers, assigned = 0, [], []
     for step in (0, *steps):
         number += step
         numbers.append(number)
-        seen.append(frames.number_of(round(OPENED_S + first_s + number / rate_hz, 6)))
-    assert seen == numbers
+        assigned.append(frames.number_of(round(OPENED_S + first_s + number / rate_hz, 6)))
+    assert assigned == numbers
 
 
 def test_a_repeated_frame_keeps_its_number() -> None:

@@ -242,27 +242,29 @@ def test_all_stubborn_controls_are_named_with_one_remedy() -> None:
         knobs[control_id].stubborn = True
     with pytest.raises(ControlError) as raised:
         set_measurement_mode(FakeCamera(knobs), config(gain=0, gamma=1))
-    told = [f"control {seen}" for _, seen in STUBBORN]
-    told.append("control gamma = 1 is not possible; it takes 72 to 500")
-    assert [fault.message for fault in raised.value.faults] == told
-    assert str(raised.value).startswith("/dev/video9: " + "; ".join(told))
+    messages = [f"control {finding}" for _, finding in STUBBORN]
+    messages.append("control gamma = 1 is not possible; it takes 72 to 500")
+    assert [fault.message for fault in raised.value.faults] == messages
+    assert str(raised.value).startswith("/dev/video9: " + "; ".join(messages))
     assert str(raised.value).count("v4l2-ctl -d /dev/video9") == 1
     # The other controls are set, and the doctor has a line for each fault.
     assert knobs[abi.Cid.AUTO_WHITE_BALANCE].value == 0
     checks = list(check_controls(raised.value))
-    assert [(check.status, check.seen) for check in checks] == [("fault", seen) for seen in told]
+    assert [(check.status, check.seen) for check in checks] == [
+        ("fault", message) for message in messages
+    ]
     assert all("use another camera" in check.advice for check in checks)
 
 
 def test_all_controls_that_change_later_are_named() -> None:
     camera = FakeCamera(usual_knobs())
     mode = set_measurement_mode(camera, config(gain=0))
-    for control_id, seen in STUBBORN:
-        camera.knobs[control_id].value = int(seen.split()[-1])
+    for control_id, finding in STUBBORN:
+        camera.knobs[control_id].value = int(finding.split()[-1])
     with pytest.raises(ControlError) as raised:
         check_measurement_mode(camera, mode)
     assert [fault.message for fault in raised.value.faults] == [
-        f"control {seen}" for _, seen in STUBBORN
+        f"control {finding}" for _, finding in STUBBORN
     ]
 
 

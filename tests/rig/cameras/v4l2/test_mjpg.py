@@ -96,8 +96,8 @@ def test_a_camera_flags_a_damaged_frame_and_goes_on(monkeypatch: pytest.MonkeyPa
     )  # fmt: skip
     opened = V4l2Camera(config)
     frames = [opened.read(1.0) for _ in range(3)]
-    assert [each.flags for each in frames] == [FrameFlag.GOOD, FrameFlag.CORRUPT, FrameFlag.GOOD]
-    assert [each.pixels.any() for each in frames] == [True, False, True]
-    assert {(each.pixels.shape, each.pixels.dtype) for each in frames} == {
+    assert [image.flags for image in frames] == [FrameFlag.GOOD, FrameFlag.CORRUPT, FrameFlag.GOOD]
+    assert [image.pixels.any() for image in frames] == [True, False, True]
+    assert {(image.pixels.shape, image.pixels.dtype) for image in frames} == {
         ((HEIGHT, WIDTH), np.dtype(np.uint8))
     }
