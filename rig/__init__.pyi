@@ -1,4 +1,4 @@
-from .cameras.camera import Camera, CameraInfo, Frame, FrameFlag, ListedCamera
+from .cameras.camera import Camera, CameraInfo, Frame, ListedCamera
 from .cameras.kinds import list_cameras
 from .config.lights import SequencePlan
 from .config.rig import RigConfig, load_config
@@ -28,7 +28,6 @@ __all__ = [
     "ControllerIdentity",
     "Defect",
     "Frame",
-    "FrameFlag",
     "HardwareError",
     "LightController",
     "LightControllerError",

@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from enum import Enum
 
-from .cameras.camera import Frame, FrameFlag
+from .cameras.camera import Frame
 from .config.lights import SequencePlan
 from .errors import CameraError, LightControllerError
 from .lights.driver import Switch
@@ -82,10 +82,10 @@ def _triggered_frame(rig: Rig, plan: SequencePlan) -> Frame:
 
 
 def kind_of(frame: Frame, not_before_s: float) -> FrameKind:
-    """The kind of a frame by its time stamp and flags alone."""
+    """The kind of a frame by its time stamp and error alone."""
     if not frame.exposure_start_s >= not_before_s:  # also a stamp that is NaN
         return FrameKind.STALE
-    return FrameKind.FRESH if frame.flags == FrameFlag.GOOD else FrameKind.CORRUPT
+    return FrameKind.CORRUPT if frame.is_corrupt else FrameKind.FRESH
 
 
 def next_fresh_frame(

@@ -10,7 +10,7 @@ import numpy as np
 from classify.base.arrays import BoolArray, Floats, Indices
 from classify.base.errors import ConfigError
 from rig.acceptance import MAX_SATURATED_SHARE
-from rig.cameras.camera import Frame, FrameFlag
+from rig.cameras.camera import Frame
 from rig.cameras.config import CameraConfig, StampedCameraConfig
 from rig.config.rig import RigConfig
 from rig.errors import CameraError, LightControllerError
@@ -90,7 +90,7 @@ def _record_steps(rig: Rig, led: int, numbers: Iterable[int], count: int) -> _Re
         answer = Answer((switch.controller_time_us,), sent_s, switch.acknowledged_s)
         recording.switches.append((switch.controller_time_us, answer))
         for frame, _ in frames_until_fresh(rig, switch.acknowledged_s + record_s):
-            if frame.flags != FrameFlag.GOOD:
+            if frame.is_corrupt:
                 continue
             recording.reported_s.append(frame.exposure_start_s)
             recording.arrived_s.append(clock.now_s())

@@ -109,6 +109,6 @@ def accepted_set(rig: Rig) -> CapturedSet:
 
 def good_frame(rig: Rig, begun_s: float = -math.inf) -> Frame:
     """The next complete frame whose exposure began at a time or later."""
-    while (frame := rig.camera.read(60.0)).flags or frame.exposure_start_s < begun_s:
+    while (frame := rig.camera.read(60.0)).is_corrupt or frame.exposure_start_s < begun_s:
         pass
     return frame

@@ -17,7 +17,6 @@ from classify.base.errors import InputError
 from rig import (
     CameraError,
     Frame,
-    FrameFlag,
     HardwareError,
     LightControllerError,
     LightStep,
@@ -85,7 +84,7 @@ class _SequenceFrames:
                 "that stays so, run ps4rig rig latency"
             )
         frame = self.received[matches[0]]
-        if frame.flags != FrameFlag.GOOD:
+        if frame.is_corrupt:
             raise SetRejected(
                 f"set rejected: the frame under {name} is corrupt; check the camera's cable"
             )

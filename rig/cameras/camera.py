@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from enum import IntFlag
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -22,13 +21,6 @@ Sensors apply a new value after one or two frames, USB cameras after one more.
 Pixels = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 
-class FrameFlag(IntFlag):
-    """Errors that the driver reports for a frame; 0 is a good frame."""
-
-    GOOD = 0
-    CORRUPT = 1
-
-
 @dataclass(frozen=True, eq=False)
 class Frame:
     """One image of the camera.
@@ -43,8 +35,8 @@ class Frame:
         Times on the rig's monotonic clock; with a rolling shutter, those of the first row.
     sequence
         The camera's number of the frame. A gap is a lost frame.
-    flags
-        `FrameFlag`.
+    is_corrupt
+        Whether the driver reports an error of the frame, whose pixels then do not count.
     """
 
     pixels: Pixels
@@ -52,7 +44,7 @@ class Frame:
     exposure_start_s: float
     exposure_end_s: float
     sequence: int
-    flags: FrameFlag = FrameFlag.GOOD
+    is_corrupt: bool = False
 
     def shifted(self, by_s: float) -> Frame:
         """The same frame with its exposure stamped later."""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from firmware_sim import Clock
 from firmware_sim.firmware import FIRMWARE_VERSION
-from rig.cameras.camera import Camera, CameraInfo, Frame, FrameFlag, ListedCamera
+from rig.cameras.camera import Camera, CameraInfo, Frame, ListedCamera
 from rig.cameras.config import CameraConfig, DeviceCameraConfig
 from rig.cameras.kinds import CAMERA_KINDS
 from rig.config.lights import LightsConfig
@@ -234,7 +234,7 @@ def check_frames(camera: Camera) -> Iterator[Check]:
         )
         yield Check("frame rate", "warning", finding, advice)
     lost_count = steps + 1 - len(read_frames)
-    corrupt = sum(frame.flags != FrameFlag.GOOD for frame in read_frames)
+    corrupt = sum(frame.is_corrupt for frame in read_frames)
     finding = f"{lost_count} lost and {corrupt} corrupt of {steps + 1}"
     if lost_count == 0 and corrupt == 0:
         yield Check("frames", "ok", finding)

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 
-from rig import Frame, FrameFlag, RigConfig, open_rig
+from rig import Frame, RigConfig, open_rig
 from rig.fresh_frame import FrameKind, NoFreshFrameError, fresh_frame, kind_of, next_fresh_frame
 from tests.changed_frames import with_frames
 
@@ -38,7 +38,7 @@ def test_a_long_settle_time_is_waited_for() -> None:
     [
         ({"exposure_start_s": -1.0}, r"\(\d+ from before .*2\.\d s\).*time stamps"),
         ({"exposure_start_s": math.nan}, r"\(\d+ from before .*2\.\d s\)"),
-        ({"flags": FrameFlag.CORRUPT}, r"\d+ corrupt .*2\.\d s\)"),
+        ({"is_corrupt": True}, r"\d+ corrupt .*2\.\d s\)"),
     ],
 )
 def test_waiting_for_a_fresh_frame_ends_with_the_counts_of_all_others(

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.cameras.camera import CameraInfo, Frame, FrameFlag, ListedCamera, require_exposure
+from rig.cameras.camera import CameraInfo, Frame, ListedCamera, require_exposure
 from rig.errors import CameraError, CameraFault
 
 from .aravis import (
@@ -98,7 +98,7 @@ class GenicamCamera:
         self._exposure_ms = self._camera.exposure_ms
 
     def read(self, timeout_s: float) -> Frame:
-        """The oldest frame in the queue, or the next one; with lost packets it is CORRUPT."""
+        """The oldest frame in the queue, or the next one; with lost packets it is corrupt."""
         config = self._config
         buffer = self._camera.next_buffer(timeout_s)
         if buffer is None:
@@ -126,7 +126,7 @@ class GenicamCamera:
             exposure_start_s=start_s,
             exposure_end_s=start_s + exposure_s,
             sequence=self._sequence_number(buffer.frame_id),
-            flags=FrameFlag.GOOD if buffer.data else FrameFlag.CORRUPT,
+            is_corrupt=not buffer.data,
         )
 
     def close(self) -> None:

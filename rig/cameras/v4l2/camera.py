@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from rig.cameras.camera import CameraInfo, Frame, FrameFlag, ListedCamera, Pixels, require_exposure
+from rig.cameras.camera import CameraInfo, Frame, ListedCamera, Pixels, require_exposure
 from rig.errors import CameraError
 
 from .abi import Cid
@@ -104,7 +104,7 @@ class V4l2Camera:
             self._mode = set_exposure(self._device, self._mode, exposure_ms)
 
     def read(self, timeout_s: float) -> Frame:
-        """The oldest frame in the queue, or the next one; a damaged frame is CORRUPT and all 0."""
+        """The oldest frame in the queue, or the next one; a corrupt frame is all 0."""
         capture = self._next_capture(timeout_s)
         start_s = self._config.exposure_start_s(
             capture.timestamp_s,
@@ -113,18 +113,18 @@ class V4l2Camera:
             exposure_s=self._mode.exposure_s,
         )
         try:
-            pixels, flags = self._decoded(capture), FrameFlag.GOOD
+            pixels, is_corrupt = self._decoded(capture), False
         except CorruptFrameError:
             blank = np.zeros((self._config.height_px, self._config.width_px), np.uint16)
             pixels = blank.astype(np.uint8) if self._pixel_format.bit_depth == 8 else blank
-            flags = FrameFlag.CORRUPT
+            is_corrupt = True
         return Frame(
             pixels=pixels,
             bit_depth=self._pixel_format.bit_depth,
             exposure_start_s=start_s,
             exposure_end_s=start_s + self._mode.exposure_s,
             sequence=capture.sequence,
-            flags=flags,
+            is_corrupt=is_corrupt,
         )
 
     def close(self) -> None:

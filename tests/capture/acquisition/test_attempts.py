@@ -14,7 +14,6 @@ from classify.base.errors import InputError
 from rig import (
     CameraError,
     Frame,
-    FrameFlag,
     Placement,
     Rig,
     RigConfig,
@@ -154,9 +153,9 @@ def test_an_average_out_of_range_is_refused(rig: Rig, average: int) -> None:
 
 OFF_CLOCK = "time stamps are not on the rig's clock"
 BAD_FRAMES: dict[str, tuple[Callable[[Frame], Frame], type[Exception], str]] = {
-    "corrupt": (lambda f: replace(f, flags=FrameFlag.CORRUPT), SetRejected, "corrupt"),
+    "corrupt": (lambda f: replace(f, is_corrupt=True), SetRejected, "corrupt"),
     "then corrupt": (
-        lambda f: replace(f, flags=FrameFlag(f.sequence > 4)),
+        lambda f: replace(f, is_corrupt=f.sequence > 4),
         SetRejected,
         "corrupt",
     ),
@@ -187,7 +186,7 @@ def test_corrupt_frames_are_left_out_and_counted(rig: Rig) -> None:
     def corrupt_fresh_ones(frame: Frame) -> Frame:
         if frame.sequence % 4 == 0:
             broken.append(frame.sequence)
-            return replace(frame, pixels=frame.pixels * 0, flags=FrameFlag.CORRUPT)
+            return replace(frame, pixels=frame.pixels * 0, is_corrupt=True)
         return frame
 
     captured = capture_set(with_frames(rig, corrupt_fresh_ones), average=8)

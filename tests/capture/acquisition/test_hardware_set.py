@@ -18,7 +18,6 @@ from rig import (
     CameraError,
     ConfigError,
     Frame,
-    FrameFlag,
     LightControllerError,
     Rig,
     RigConfig,
@@ -198,7 +197,7 @@ def with_counted_frames(rig: Rig, change: Callable[[Frame, int], Frame | None]) 
     [
         (lambda frame, n: None if n == 3 else frame, r"was lost|0 of 4 frames"),
         (lambda frame, n: replace(frame, sequence=frame.sequence - (n == 3)), "came twice"),
-        (lambda frame, _: replace(frame, flags=FrameFlag.CORRUPT), "is corrupt"),
+        (lambda frame, _: replace(frame, is_corrupt=True), "is corrupt"),
         (
             lambda frame, _: frame.shifted(-0.012),
             r"began -1[12]\.\d ms .*ps4rig rig latency",

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from rig import CameraError, FrameFlag
+from rig import CameraError
 from rig.cameras.v4l2 import camera
 from rig.cameras.v4l2.camera import V4l2Camera
 from rig.cameras.v4l2.device import Capture
@@ -96,7 +96,7 @@ def test_a_camera_flags_a_damaged_frame_and_goes_on(monkeypatch: pytest.MonkeyPa
     )  # fmt: skip
     opened = V4l2Camera(config)
     frames = [opened.read(1.0) for _ in range(3)]
-    assert [image.flags for image in frames] == [FrameFlag.GOOD, FrameFlag.CORRUPT, FrameFlag.GOOD]
+    assert [image.is_corrupt for image in frames] == [False, True, False]
     assert [image.pixels.any() for image in frames] == [True, False, True]
     assert {(image.pixels.shape, image.pixels.dtype) for image in frames} == {
         ((HEIGHT, WIDTH), np.dtype(np.uint8))
