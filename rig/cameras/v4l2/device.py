@@ -141,7 +141,6 @@ class OfferedFormat:
     """A pixel format that the driver lists, with its frame sizes as text."""
 
     fourcc: str
-    description: str
     sizes: tuple[str, ...]
 
 
@@ -198,13 +197,8 @@ class V4l2Device(VideoNode):
             entry = abi.FmtDesc(index=index, type=abi.BufType.VIDEO_CAPTURE)
             if not self._fill_entry("cannot list its formats", abi.Vidioc.ENUM_FMT, entry):
                 break
-            offered.append(
-                OfferedFormat(
-                    abi.fourcc_text(entry.pixelformat),
-                    abi.text(entry.description),
-                    tuple(self._sizes(entry.pixelformat)),
-                )
-            )
+            sizes = tuple(self._sizes(entry.pixelformat))
+            offered.append(OfferedFormat(abi.fourcc_text(entry.pixelformat), sizes))
         return offered
 
     def _sizes(self, pixelformat: int) -> Iterator[str]:
