@@ -78,6 +78,7 @@ DEFAULT_TIMEOUTS = LinkTimeouts()
 class ControllerIdentity:
     """Identity of a controller, as it reports it."""
 
+    vendor: str
     model: str
     serial_number: str
     firmware_version: str
@@ -167,8 +168,8 @@ class ControllerLink:
             raise LightControllerError(
                 f"{self.port}: this is not a {_VENDOR} light controller (it is {text!r})"
             )
-        _, model, serial_number, firmware_version, protocol = fields[:5]
-        identity = ControllerIdentity(model, serial_number, firmware_version, int(protocol))
+        vendor, model, serial_number, firmware_version, protocol = fields[:5]
+        identity = ControllerIdentity(vendor, model, serial_number, firmware_version, int(protocol))
         if identity.protocol_version != PROTOCOL_VERSION and not self._any_protocol:
             older = identity.protocol_version < PROTOCOL_VERSION
             raise LightControllerError(

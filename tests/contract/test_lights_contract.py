@@ -9,7 +9,7 @@ from rig import LightControllerError
 
 def test_it_identifies_itself(controller: Any) -> None:
     with controller.open() as lights:
-        assert lights.identity.model == "LED4"
+        assert lights.identity.vendor == "PS4RIG"
         assert lights.led_count == 4
 
 

@@ -141,6 +141,7 @@ class OfferedFormat:
     """A pixel format that the driver lists, with its frame sizes as text."""
 
     fourcc: str
+    description: str
     sizes: tuple[str, ...]
 
 
@@ -197,8 +198,13 @@ class V4l2Device(VideoNode):
             entry = abi.FmtDesc(index=index, type=abi.BufType.VIDEO_CAPTURE)
             if not self._fill_entry("cannot list its formats", abi.Vidioc.ENUM_FMT, entry):
                 break
-            sizes = tuple(self._sizes(entry.pixelformat))
-            offered.append(OfferedFormat(abi.fourcc_text(entry.pixelformat), sizes))
+            offered.append(
+                OfferedFormat(
+                    abi.fourcc_text(entry.pixelformat),
+                    abi.text(entry.description),
+                    tuple(self._sizes(entry.pixelformat)),
+                )
+            )
         return offered
 
     def _sizes(self, pixelformat: int) -> Iterator[str]:

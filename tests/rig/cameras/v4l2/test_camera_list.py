@@ -56,11 +56,11 @@ def test_without_cameras_the_list_is_empty(tmp_path: Path) -> None:
     ],
 )
 def test_the_best_pixel_format_is_chosen(fourccs: tuple[str, ...], chosen: list[str]) -> None:
-    lines = config_lines(OfferedFormat(fourcc, ("640x480",)) for fourcc in fourccs)
+    lines = config_lines(OfferedFormat(fourcc, "", ("640x480",)) for fourcc in fourccs)
     assert [line.split("  ")[0] for line in lines if "px" not in line] == chosen
 
 
 def test_the_largest_size_that_usb_carries_is_chosen() -> None:
     sizes = ("640x480", "1280x720", "1920x1080")
-    lines = config_lines([OfferedFormat("YUYV", sizes)])
+    lines = config_lines([OfferedFormat("YUYV", "YUYV 4:2:2", sizes)])
     assert lines[1:] == ("width_px = 1280", "height_px = 720")
