@@ -43,9 +43,12 @@ _POLAR_ORIENTATIONS_DEG = (0.0, 30.0, 60.0, 90.0, 120.0, 150.0)  # figures 9.5 a
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
 Work: TypeAlias = Callable[[], Any]
+_Clock: TypeAlias = Callable[[], float]
 
 
-def shortest_ms(functions: Mapping[str, Work], rounds: int) -> dict[str, float]:
+def shortest_ms(
+    functions: Mapping[str, Work], rounds: int, clock_s: _Clock = time.perf_counter
+) -> dict[str, float]:
     """Shortest duration of each function in ms, over `rounds` calls; other processes only add time.
 
     A first call of each function is not timed. The functions are then called alternately.
@@ -55,15 +58,15 @@ def shortest_ms(functions: Mapping[str, Work], rounds: int) -> dict[str, float]:
     shortest = dict.fromkeys(functions, float("inf"))
     for _ in range(rounds):
         for name, function in functions.items():
-            shortest[name] = min(shortest[name], time_ms(function))
+            shortest[name] = min(shortest[name], time_ms(function, clock_s))
     return shortest
 
 
-def time_ms(function: Work) -> float:
+def time_ms(function: Work, clock_s: _Clock = time.perf_counter) -> float:
     """Duration of one call in milliseconds."""
-    started_s = time.perf_counter()
+    started_s = clock_s()
     function()
-    return 1e3 * (time.perf_counter() - started_s)
+    return 1e3 * (clock_s() - started_s)
 
 
 # Number of timed calls: even on a busy machine, one of nine is undisturbed.
