@@ -86,6 +86,8 @@ class TaughtTexture(Record):
     sets: tuple[TaughtSet, ...] = Field(min_length=1)  # in the order they were given
     # Mean of each light over all parts, as a share of full scale.
     light_signals: tuple[Annotated[float, Field(gt=0.0, le=1.0)], ...]
+    # Least level of an LED, as a share of the brightest, that is known by brightness alone.
+    least_led_level: Annotated[float, Field(gt=0.0, le=1.0)]
     # Least and largest error of the tilts of the lights, see `tilt_error_deg`.
     tilt_errors_deg: tuple[float, float]
     defects_file: Name | None = None  # None, like the next three, for a texture that does not pass
@@ -109,7 +111,7 @@ class Taught(Record):
     """The measurements of teaching on all parts of a recipe."""
 
     format: Literal["ps4rig-taught"] = "ps4rig-taught"
-    version: Literal[3] = 3
+    version: Literal[4] = 4
     utc: str = Field(default_factory=lambda: datetime.now(UTC).isoformat(timespec="seconds"))
     software_version: str = Field(default_factory=lambda: version("ps4rig"))
     setting: Setting  # of the rig; a set with another setting cannot be judged

@@ -22,6 +22,7 @@ from capture.station.domain.recipe import Orientation, Recipe
 from capture.station.domain.recipe_file import RecipeFolder, file_sha256, read_recipe
 from capture.station.domain.taught import (
     Taught,
+    TaughtTexture,
     TextureModels,
     check_unchanged,
     models_of,
@@ -29,7 +30,7 @@ from capture.station.domain.taught import (
 )
 from capture.station.domain.verdict import Cause, Decision, Verdict
 from capture.station.results.part_result import DefectRecord, PartResult
-from classify import DefectMap, TextureLibrary
+from classify import DefectMap, Match, TextureLibrary
 from classify.base.threads import in_background
 from classify.classifiers.joint import ring_means
 from classify.defects.fields import part_fields
@@ -143,9 +144,6 @@ class Inspector:
         self._models = models
         self.calibration = calibration
         self._started: _StartedMeasurement | None = None
-        self._taught_signals = {
-            texture: np.array(taught.textures[texture].light_signals) for texture in recipe.passes
-        }
         self.fingerprint = Fingerprint.of(recipe, taught, calibration)
 
     @classmethod
@@ -186,12 +184,17 @@ class Inspector:
         started = self._started
         is_started = started is not None and started.has_images_of(captured)
         part = started.measured() if started and is_started else self._measured(captured)
-        ratios = self._signal_ratios(captured, part)
+        known = known_levels(captured.metadata.checks)
+        ratios = self._signal_ratios(part, known)
         measures = part.measures
         if ratios:
             names = led_names(captured.lighting.tilts_deg)
             levels = zip(names, relative_levels(ratios), strict=True)
             measures = replace(measures, led_levels=tuple(levels))
+        if known is None:
+            textures = self._textures_of(part.measures.match)
+            least = min(texture.least_led_level for texture in textures)
+            measures = replace(measures, least_led_level=least)
         return Inspection(
             verdict_of(self.recipe, measures, part.faults),
             measures,
@@ -269,23 +272,28 @@ class Inspector:
             faults, measures, measured.light_signals, defect_map, defects, timings_ms
         )
 
-    def _signal_ratios(self, captured: CapturedSet, part: _MeasuredPart) -> tuple[float, ...]:
+    def _signal_ratios(
+        self, part: _MeasuredPart, known: Sequence[float] | None
+    ) -> tuple[float, ...]:
         """Signal of each light over the taught one of the texture; empty without signals.
 
         A part with more slopes to one side than the taught ones changes the ratios, as unequal
-        LEDs do. Where the redundancy of the images shows the levels of the LEDs, these stand for
-        the differences of the ratios.
+        LEDs do. `known` levels of the LEDs stand for the differences of the ratios.
         """
         if not part.light_signals:
             return ()
-        match = part.measures.match
-        texture = "" if match is None else match.label or match.nearest
-        every_taught = np.mean([*self._taught_signals.values()], axis=0)
-        ratios = np.array(part.light_signals) / self._taught_signals.get(texture, every_taught)
-        levels = known_levels(captured.metadata.checks)
-        if levels is not None:
-            ratios = ratios.mean() * np.array(levels) / np.mean(levels)
+        textures = self._textures_of(part.measures.match)
+        taught = np.mean([texture.light_signals for texture in textures], axis=0)
+        ratios = np.array(part.light_signals) / taught
+        if known is not None:
+            ratios = ratios.mean() * np.array(known) / np.mean(known)
         return tuple(ratios.tolist())
+
+    def _textures_of(self, match: Match | None) -> list[TaughtTexture]:
+        """Return the texture of a match if it passes, else all textures that pass."""
+        name = "" if match is None else match.label or match.nearest
+        names = [name] if name in self.recipe.passes else self.recipe.passes
+        return [self._taught.textures[name] for name in names]
 
     def _faults(self, captured: CapturedSet) -> Iterator[Finding]:
         """Yield the reasons why the set cannot be judged, whatever part it shows."""

@@ -44,6 +44,7 @@ class Measures(LimitedMeasures):
     saturated_fraction: float | None = None  # share of the pixels that a light saturates
     # Level of each LED relative to the brightest, as a share of the taught ratio.
     led_levels: tuple[tuple[str, float], ...] = ()
+    least_led_level: float = STOP_LED_LEVEL
     # Share of each LED's light that the ambient image has.
     lit_while_off: tuple[tuple[str, float], ...] = ()
 
@@ -87,8 +88,10 @@ def relative_levels(levels: Sequence[float]) -> list[float]:
 
 def _level_findings(measures: Measures) -> Iterator[Finding]:
     for name, level in measures.led_levels:
-        if not level >= STOP_LED_LEVEL:
-            text = f"{name} at {level:.0%} of its taught level, least {STOP_LED_LEVEL:.0%}"
+        if not level >= measures.least_led_level:
+            text = (
+                f"{name} at {level:.0%} of its taught level, least {measures.least_led_level:.0%}"
+            )
             yield Finding(Cause.RIG, text)
     if not measures.led_levels:
         yield Finding(Cause.UNFORESEEN, "the levels of the LEDs were not measured")

@@ -21,6 +21,7 @@ from capture.station.domain.recipe import Recipe
 from capture.station.domain.taught import Taught, TaughtSet, TaughtTexture, TextureModels
 from capture.station.domain.verdict import Decision
 from capture.station.judge.inspector import Inspector
+from capture.station.judge.judge import STOP_LED_LEVEL
 from capture.station.judge.measured_surface import MeasuredSurface
 from capture.station.results.store import open_store
 from classify import Calibration, TextureLibrary, learn_defects
@@ -273,6 +274,7 @@ def _inspector(good: Sequence[CapturedSet], other: CapturedSet, classes: int) ->
     texture = TaughtTexture(
         sets=(TaughtSet(file="bench.ome.tif", pixels_sha256=_NO_HASH),),
         light_signals=surfaces[0].light_signals,
+        least_led_level=STOP_LED_LEVEL,
         tilt_errors_deg=(0.0, 0.0),
     )
     taught = Taught(

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture.acquisition.light_checks import known_levels
 from capture.base.names import SET_SUFFIX
 from capture.calibration.lookup import keep_beside
 from capture.calibration.setting import Setting
@@ -140,6 +141,7 @@ class TaughtPart:
     unmeasured_fraction: float
     albedo: float
     light_signals: tuple[float, ...]  # see `MeasuredSurface.light_signals`
+    has_known_levels: bool  # whether the redundancy of the images shows the levels of the LEDs
     tilt_error_deg: float
     mm_per_px: float | None
 
@@ -184,6 +186,7 @@ def taught_part(kept_set: KeptSet, region: Region | None) -> TaughtPart:
         unmeasured_fraction=measured.unmeasured_fraction,
         albedo=measured.albedo,
         light_signals=measured.light_signals,
+        has_known_levels=known_levels(metadata.checks) is not None,
         tilt_error_deg=tilt_error_deg(surface),
         mm_per_px=loaded.mm_per_px,
     )

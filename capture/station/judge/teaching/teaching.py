@@ -49,6 +49,8 @@ from .teaching_limits import (
     LimitsOf,
     general_limits,
     kept_remarks,
+    least_led_level,
+    level_remarks,
     limits_measured_before,
     limits_of_texture,
     manual_limits,
@@ -202,6 +204,7 @@ def _teaching_of(
         *kept_remarks(measured, manual),
         *_blind_spots(models),
         *_mark_remarks(defects, good),
+        *level_remarks(taught),
     ]
     if known_limits is None:
         remarks += replaced_remarks(limits_before, limits_of)
@@ -301,10 +304,12 @@ def _taught_texture(
     ]
     signals = [part.light_signals for part, _ in of_texture]
     means = tuple(sum(levels) / len(of_texture) for levels in zip(*signals, strict=True))
+    undetermined = [part.light_signals for part, _ in of_texture if not part.has_known_levels]
     errors_deg = [part.tilt_error_deg for part, _ in of_texture]
     taught = TaughtTexture(
         sets=tuple(_taught_set(part.kept_set, match) for part, match in of_texture),
         light_signals=means,
+        least_led_level=least_led_level(undetermined, means),
         tilt_errors_deg=(min(errors_deg), max(errors_deg)),
     )
     if texture not in models:

@@ -7,9 +7,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from capture.station.domain.limits import ROWS, GeneralLimits, Limits
 from capture.station.domain.recipe import Recipe
 from capture.station.domain.recipe_file import RecipeFolder
+from capture.station.domain.taught import Taught
+from capture.station.judge.judge import STOP_LED_LEVEL, relative_levels
 from classify.base.errors import InputError
 from classify.base.models import read_toml_as
 from classify.confidence import tolerance_factor
+from rig.acceptance import WEAK_LED_SHARE
 
 # Least relative standard deviation of measures of good parts: different patches of one simulated
 # texture differ by this much (`tests/capture/station/judge/test_teaching.py`). Without it,
@@ -63,6 +66,32 @@ def limits_of_texture(
         shadow_fraction=min(1.0, _SHARE_MARGIN + _limit(shadow_fractions)),
         unmeasured_fraction=min(1.0, _SHARE_MARGIN + _limit(unmeasured_fractions)),
     )
+
+
+def least_led_level(signals: Sequence[Sequence[float]], means: Sequence[float]) -> float:
+    """Least level of an LED by brightness, from the light signals of good parts and their means.
+
+    The slopes of a part, too, change its brightness under one light more than under another.
+    """
+    if len(signals) < 2:
+        return STOP_LED_LEVEL
+    losses = []
+    for levels in signals:
+        ratios = [level / mean for level, mean in zip(levels, means, strict=True)]
+        losses.append(-math.log(max(min(relative_levels(ratios)), WEAK_LED_SHARE)))
+    return min(STOP_LED_LEVEL, max(WEAK_LED_SHARE, math.exp(-_limit(losses))))
+
+
+def level_remarks(taught: Taught) -> Iterator[str]:
+    """Yield a remark on each texture with which a weak LED is not detected."""
+    for name, texture in taught.textures.items():
+        least = texture.least_led_level
+        if least < STOP_LED_LEVEL:
+            yield (
+                f"{name}: the brightness of good parts varies, and their images do not show the "
+                f"levels of the LEDs: an LED is detected below {least:.0%} of its level, not below "
+                f"{STOP_LED_LEVEL:.0%}; run ps4rig calibrate plate if the rig has no calibration"
+            )
 
 
 def with_unjudged(limits: Limits, general: GeneralLimits, areas_px: Sequence[int]) -> Limits:
