@@ -25,7 +25,8 @@ from pymodbus.server.requesthandler import ServerRequestHandler
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from capture.station.domain.errors import error_text
-from capture.station.domain.interface_config import ModbusConfig, listening_socket
+from capture.station.domain.interface_config import ModbusConfig
+from capture.station.domain.listening import listening_socket
 from classify.base.errors import InputError
 
 from .line import TICK_S, PlcLine

@@ -14,7 +14,8 @@ import h11
 import uvicorn
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from capture.station.domain.interface_config import PanelConfig, listening_socket
+from capture.station.domain.interface_config import PanelConfig
+from capture.station.domain.listening import listening_socket
 from capture.station.domain.users import Users
 from classify.base.errors import InputError
 

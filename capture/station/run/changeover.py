@@ -104,7 +104,7 @@ class Changeover:
         try:
             with self_test.collecting() as require:
                 rig.use(recipe.inspector)
-                require(recipes.checks(recipe))
+                require(recipe.checks())
                 require(rig.test(is_start=False))
             # Recorded before the announcement: a kill in between leaves a usable recipe.
             recipes.keep(recipe, request.by)

@@ -58,7 +58,7 @@ def run_station(
 
         def prepare() -> list[Check]:
             return [
-                *recipes.checks(recipes.present),
+                *recipes.present.checks(),
                 *_checks(folder, rig_config, store, live, clock),
             ]
 

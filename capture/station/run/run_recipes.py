@@ -52,6 +52,10 @@ class UsableRecipe:
         """The event that announces the recipe when it is put into use."""
         return RecipeLoaded(self.recipe.name, self.recipe.version, self.recipe.sha256, self.by)
 
+    def checks(self) -> list[Check]:
+        """Return the checks of the calibration."""
+        return list(check_calibration_age(self.inspector.calibration, self.recipe.calibration))
+
 
 class RunRecipes:
     """The present recipe of a run, and others that it can load, each with its `PartJudge`.
@@ -113,7 +117,7 @@ class RunRecipes:
                 raise RecipeRefused(f"recipe {name}: no such recipe", RecipeRefusal.UNKNOWN)
             usable = self._usable(files, by.name, raise_if_cancelled)
             require_unchanged(usable.recipe, by.shown_sha256)
-            require_no_fault(self.checks(usable))
+            require_no_fault(usable.checks())
         except RecipeRefused:
             raise
         except Exception as error:
@@ -134,11 +138,6 @@ class RunRecipes:
         except Exception as error:
             raise RecipeRefused(error_text(error), RecipeRefusal.DATABASE) from error
         self.present = recipe
-
-    def checks(self, recipe: UsableRecipe) -> list[Check]:
-        """Return the checks of a recipe's calibration."""
-        inspector = recipe.inspector
-        return list(check_calibration_age(inspector.calibration, inspector.recipe.calibration))
 
     def _usable(
         self,

@@ -164,9 +164,6 @@ class FakeRecipes:
         self.on_load(name)
         return self.usable(name, by.name)
 
-    def checks(self, recipe: UsableRecipe) -> list[Check]:  # noqa: ARG002
-        return []
-
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:  # noqa: ARG002
         self.on_keep(recipe.recipe.name)
         self.present = recipe
