@@ -64,7 +64,7 @@ class Cause(StrEnum):
     WINDOW = "window", Decision.FAIL, 51, "a window that looks like no good one"
 
     def __new__(cls, name: str, decision: Decision, plc_code: int, meaning: str) -> Self:
-        """Check a row against those above it."""
+        """Make a cause, after a check of its row against those above it."""
         cause = str.__new__(cls, name)
         cause._value_ = name
         cause.decision, cause.plc_code, cause.meaning = decision, plc_code, meaning

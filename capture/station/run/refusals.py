@@ -75,7 +75,7 @@ class Refusals:
             self._changed.notify_all()
 
     def _run(self, store: ResultStore, is_simulated: Callable[[], bool]) -> None:
-        is_last = False
+        is_last = False  # after the end, all that wait are written in one last attempt
         while not is_last:
             with self._changed:
                 self._changed.wait_for(

@@ -64,15 +64,15 @@ def run_station(
 
         sensor = PartSensor(rig, store) if isinstance(source, SensorTrigger) else None
         equipment = Equipment(
-            rig,
-            recipes.present.judge,
-            store,
-            prepare,
-            clock,
-            live,
-            sensor,
-            report_alive,
-            None if is_collecting else recipes,
+            rig=rig,
+            judge=recipes.present.judge,
+            store=store,
+            prepare=prepare,
+            clock=clock,
+            live=live,
+            sensor=sensor,
+            report_alive=report_alive,
+            recipes=None if is_collecting else recipes,
         )
         with retention_in_background(folder.path, store, config.retention, warn):
             return Station(folder.path, config, equipment, parts).run(source)

@@ -37,7 +37,7 @@ class StationRig:
         inspector: Inspector | Collector,
     ) -> None:
         self._config, self._base_config, self._inspector = config, rig_config, inspector
-        self._rig_config = self._with_light_of(inspector.recipe)
+        self._rig_config = self._with_camera_of(inspector.recipe)
         self._rig: Rig | None = None
         self._is_simulated = rig_config.is_simulated
         self._part: ArrivedPart | None = None
@@ -58,7 +58,7 @@ class StationRig:
     def use(self, inspector: Inspector | Collector) -> None:
         """Use the settings of another recipe; an open rig with other settings is opened again."""
         self._inspector = inspector
-        before, self._rig_config = self._rig_config, self._with_light_of(inspector.recipe)
+        before, self._rig_config = self._rig_config, self._with_camera_of(inspector.recipe)
         if self._rig is not None and self._rig_config != before:
             self.close()
             self.open()
@@ -148,7 +148,8 @@ class StationRig:
         if len(self._number_by_pixels) > MAX_KNOWN:
             del self._number_by_pixels[next(iter(self._number_by_pixels))]
 
-    def _with_light_of(self, recipe: Recipe) -> RigConfig:
+    def _with_camera_of(self, recipe: Recipe) -> RigConfig:
+        """Return the rig with the exposure and gain of a recipe."""
         return self._base_config.with_changes(camera=recipe.light.of_camera)
 
     def _place(self, number: int) -> None:

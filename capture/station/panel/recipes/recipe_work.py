@@ -24,12 +24,13 @@ def start_teaching(
     panel: Panel, changes: RecipeChanges, part_ids: Sequence[str], texture: str, *, is_good: bool
 ) -> Job:
     """Start to teach parts; if none is given, teach those again that were taught before."""
-    paths = _sets(panel, part_ids)
+    paths = _set_files(panel, part_ids)
     if paths:
         texture = checked_label(texture)
     elif not changes.files.file.is_file():
         raise Conflict(f"recipe {changes.files.name}: no parts are known; give some")
-    bad, good = (None, texture or None) if is_good else (texture, None)
+    bad = None if is_good else texture
+    good = texture or None if is_good else None
 
     def begin() -> Work:
         teaching = changes.teaching(paths, bad, good)
@@ -60,7 +61,7 @@ def add_parts_to_challenge(
     panel: Panel, changes: RecipeChanges, part_ids: Sequence[str], expected: Expected
 ) -> None:
     """Add parts to the challenge set."""
-    paths = _sets(panel, part_ids)
+    paths = _set_files(panel, part_ids)
     if not paths:
         raise InputError("choose a part")
     changes.add_to_challenge(paths, expected)
@@ -72,7 +73,7 @@ def _start(
     return panel.jobs.start(Job(kind, changes.files.name, title, changes.who.name), begin)
 
 
-def _sets(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:
+def _set_files(panel: Panel, part_ids: Sequence[str]) -> tuple[Path, ...]:
     if len(part_ids) > MAX_CHOSEN_PARTS:
         raise InputError(f"{len(part_ids)} parts: give {MAX_CHOSEN_PARTS} or fewer")
     store, paths = panel.results.store, []
