@@ -81,19 +81,14 @@ def _lines(recipe: Recipe) -> Iterator[str]:
             yield ""
             if number == 0:
                 yield f"# {comment}"
-            yield from _table(header, table)
-
-
-def _table(header: str, table: Section) -> Iterator[str]:
-    yield f"[{header}]"
-    for key in type(table).model_fields:
-        yield from _entry(key, getattr(table, key))
+            yield f"[{header}]"
+            for key in type(table).model_fields:
+                yield from _entry(key, getattr(table, key))
 
 
 def _entry(key: str, value: object) -> Iterator[str]:
     if value is not None:
-        text = _toml(value)
-        yield f"{key} = {text}  # {COMMENTS[key]}"
+        yield f"{key} = {_toml(value)}  # {COMMENTS[key]}"
 
 
 def _toml(value: object) -> str:

@@ -104,17 +104,15 @@ class MeasuredSurface:
     @property
     def angle_sd(self) -> float | None:
         """Median standard deviation of the normal, degrees; None if it was not requested."""
-        deviations = self.surface.angle_sd
-        return None if deviations is None else _median(deviations[self.surface.valid])
+        if self.surface.angle_sd is None:
+            return None
+        deviations = self.surface.angle_sd[self.surface.valid]
+        return float(np.median(deviations)) if deviations.size else float("nan")
 
     @cached_property
     def sdq(self) -> float:
         """Root mean square slope (ISO 25178-2); NaN if no pixel has one."""
         return root_mean_square_slope(self.surface)
-
-
-def _median(values: npt.NDArray[np.float32]) -> float:
-    return float(np.median(values)) if values.size else float("nan")
 
 
 def fits(region: Region | None, shape: tuple[int, ...]) -> bool:

@@ -346,11 +346,9 @@ class Handshake:
 
     def _show_next(self) -> None:
         """Show the next result, once the PLC has ended its acknowledgement of the last one."""
-        if self._shown_result is None and self._waiting and not self._is_acknowledging():
+        is_acknowledging = bool(self.commands["commands"] & Command.RESULTS_ACK)
+        if self._shown_result is None and self._waiting and not is_acknowledging:
             # A result can be known before the answer to its trigger.
             if self._plc_triggers and self._waiting[0].number > self._begun:
                 return
             self._shown_result = self._waiting.popleft()
-
-    def _is_acknowledging(self) -> bool:
-        return bool(self.commands["commands"] & Command.RESULTS_ACK)

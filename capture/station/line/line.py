@@ -113,15 +113,12 @@ class PlcLine:
                 is_closed = self._is_closed
                 request, self._request = self._request, None
             if request is not None:
-                self._pass_on(request)
+                answer = self._live.submit(Trigger(SOURCE, request.part_id, request.recipe))
+                with self._changed:
+                    self._handshake.handle_answer(request, answer)
+                    self._changed.notify_all()
             if is_closed:
                 return
-
-    def _pass_on(self, request: TriggerRequest) -> None:
-        answer = self._live.submit(Trigger(SOURCE, request.part_id, request.recipe))
-        with self._changed:
-            self._handshake.handle_answer(request, answer)
-            self._changed.notify_all()
 
     def _start_loading(self, request: RecipeRequest | None) -> None:
         """Load a recipe in a thread of its own: triggers and their refusals must not wait."""

@@ -128,12 +128,21 @@ class RunRecipes:
 
     def keep(self, recipe: UsableRecipe, by: Asker) -> None:
         """Record and use a recipe, with which the next run begins; or raise RecipeRefused."""
+        before, after = self.present.recipe, recipe.recipe
         try:
-            keep_recipe(self._folder, recipe.recipe.name)
+            keep_recipe(self._folder, after.name)
             try:
-                self._record(recipe, by)
+                record_change(
+                    self._store,
+                    "loaded recipe",
+                    f"{before.name}, {before.version_text}",
+                    f"{after.name}, {after.version_text}",
+                    by=by.name,
+                    role=by.role,
+                    via=by.via,
+                )
             except Exception:
-                keep_recipe(self._folder, self.present.recipe.name)
+                keep_recipe(self._folder, before.name)
                 raise
         except Exception as error:
             raise RecipeRefused(error_text(error), RecipeRefusal.DATABASE) from error
@@ -175,12 +184,6 @@ class RunRecipes:
         name = self._folder.config.name
         return PartJudge(name, self._operator, inspector, fields, save, self._clock)
 
-    def _record(self, recipe: UsableRecipe, by: Asker) -> None:
-        before, after = _recipe_text(self.present.recipe), _recipe_text(recipe.recipe)
-        record_change(
-            self._store, "loaded recipe", before, after, by=by.name, role=by.role, via=by.via
-        )
-
 
 def _approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:
     """Return the approved state that judged the last part, else the last approved state, or None.
@@ -191,7 +194,3 @@ def _approved_recipe(files: RecipeFolder, store: ResultStore) -> Recipe | None:
     judged = next(store.parts(Selection(recipe=files.name), newest=1), None)
     last = None if judged is None else approved.get(judged.result.recipe_sha256 or "")
     return last or next(iter(approved.values()), None)
-
-
-def _recipe_text(recipe: Recipe) -> str:
-    return f"{recipe.name}, {recipe.version_text}"

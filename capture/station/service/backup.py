@@ -278,7 +278,8 @@ class _OpenBackup:
     def restore(self, folder: Path) -> Iterator[str]:
         """Write the station to `folder`, which appears complete; yield the name of each file."""
         folder = folder.absolute()
-        if folder.is_symlink() or (folder.exists() and not _is_empty_folder(folder)):
+        is_used = folder.exists() and (not folder.is_dir() or any(folder.iterdir()))
+        if folder.is_symlink() or is_used:
             raise InputError(f"{folder}: exists and is not empty; give another folder")
         if not folder.parent.is_dir():
             raise InputError(f"{folder}: cannot be made: there is no folder {folder.parent}")
@@ -364,7 +365,3 @@ def opened_backup(path: Path) -> Iterator[_OpenBackup]:
             raise InputError(f"{path}: not a backup of a station: {error}") from error
         with archive:
             yield _OpenBackup(path, archive)
-
-
-def _is_empty_folder(path: Path) -> bool:
-    return path.is_dir() and not any(path.iterdir())
