@@ -19,7 +19,6 @@ from capture.station.results.database import ResultsUnavailable
 from capture.station.results.part_result import PartResult
 from capture.station.results.store import BegunPart
 
-from .beginning import Beginning
 from .changeover import Changeover
 from .equipment import Equipment, GuardedThread
 from .events import (
@@ -36,6 +35,7 @@ from .self_test import SelfTest, disk_fault
 from .triggers import (
     Accepted,
     Asker,
+    Beginning,
     PartSensor,
     Refusal,
     Refused,
