@@ -39,7 +39,7 @@ class Retention(Section):
     )
     # At least 1 day, because today's folder may still receive files.
     pass_days: float = Field(
-        default=7.0, ge=1.0, le=36_500.0, description="age at which the files of others are removed"
+        default=7.0, ge=1.0, le=36_500.0, description="age at which the other files are removed"
     )
 
 
@@ -47,13 +47,13 @@ class SimulatedParts(Section):
     """The parts below a simulated rig, drawn at random from a seed and the part's number."""
 
     seed: int = Field(
-        default=100, ge=0, lt=2**31, description="should differ from the taught sets'"
+        default=100, ge=0, lt=2**31, description="should differ from that of the taught sets"
     )
     surfaces: tuple[_Surface, ...] = Field(
         default=("rock",),
         min_length=1,
         strict=False,
-        description="expected ones, as in [simulation.placement] of rig.toml",
+        description="expected surfaces, as in [simulation.placement] of rig.toml",
     )
     others: tuple[_Surface, ...] = Field(
         default=("sand",), strict=False, description="unexpected surfaces"
@@ -63,7 +63,7 @@ class SimulatedParts(Section):
         default=(), max_length=3600, strict=False, description="one of these; any if empty"
     )
     share_defective: _Share = Field(
-        default=0.05, description="of the expected surfaces; each has one defect"
+        default=0.05, description="of parts with an expected surface that have one defect"
     )
     defects: tuple[DefectKind, ...] = Field(
         default=("scratch", "dent", "bump", "stain"), strict=False, description="their kinds"

@@ -53,7 +53,7 @@ _ANSWERS = Status.ACK | Status.REFUSED | Status.RECIPE_LOADED | Status.RECIPE_RE
 
 
 class Ladder:
-    """Program of a PLC that triggers and sorts parts.
+    """Program of a PLC (in ladder logic) that triggers and sorts parts.
 
     For a part, set `recipe` (0: any), then `part_id`, which becomes None once the part may move.
     """

@@ -53,7 +53,7 @@ _MAX_WAIT_S = 30.0
 router = APIRouter(prefix=V1)
 Below = Annotated[
     int | None,
-    Query(ge=1, le=2**53, description="only parts with a lower number: next_below before"),
+    Query(ge=1, le=2**53, description="only parts below this number: next_below of an answer"),
 ]
 _Row = answer("Row", PartResult, "verdict", reason=str, causes=list[Cause])
 _Judged = answer("Judged", _Row, decision=Decision)
@@ -110,7 +110,7 @@ def _part_text(value: object) -> str:
 class PartFields(Record):
     """A part to trigger."""
 
-    # Not checked here: a trigger with an id that is none is recorded as refused.
+    # Not checked here: a trigger with an invalid id is recorded as refused.
     part_id: Annotated[str, PlainValidator(_part_text), WithJsonSchema(_PART_ID)] = ""
     recipe: Name | None = Field(
         None,

@@ -70,7 +70,7 @@ async def _events(
     after: Annotated[
         str, Query(description="id of the last event that the client has, like Last-Event-ID")
     ] = "",
-    last_event_id: Annotated[str | None, Header(description="before `after`")] = None,
+    last_event_id: Annotated[str | None, Header(description="in place of `after`")] = None,
 ) -> Response:
     """Everything that happens, as server-sent events; first the state, or what was missed."""
     last, live = after if last_event_id is None else last_event_id, call.panel.live

@@ -62,7 +62,7 @@ class Filters(StatisticsFilters):
     verdict: Annotated[Decision | Literal[""], BeforeValidator(str.upper)] = Field(
         "", description="the verdict that holds, after overrides: PASS, FAIL, UNKNOWN or ERROR"
     )
-    part: str = Field("", description="part of the identity, in any case")
+    part: str = Field("", description="part of the id, in upper or lower case")
     simulated: Literal["", "true", "false", "only"] = Field(  # type: ignore[assignment]
         "false",
         description="true: also parts of a simulated rig; only: these alone; by default production",

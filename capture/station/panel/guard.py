@@ -58,7 +58,7 @@ def session_cookie(panel: Panel) -> str:
 
 
 def identity_of(panel: Panel, request: Request) -> Identity | None:
-    """Return who asks, or None."""
+    """Return the user or client of a request, or None without a login."""
     kind, _, token = request.headers.get("authorization", "").partition(" ")
     if kind:
         client = panel.tokens.find(token.strip()) if kind.lower() == "bearer" else None

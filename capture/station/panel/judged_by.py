@@ -57,7 +57,7 @@ def _judged_by(files: RecipeFolder, version: int, sha256: str, texture: str | No
 
 
 def _recipe(files: RecipeFolder, version: int, sha256: str) -> Recipe:
-    """The recipe with a hash: a copy that was approved, or the present one."""
+    """Return the recipe with a hash: an approved copy, or the present recipe."""
     paths: tuple[Path, ...] = (files.version(version).approved(sha256), files.file)
     for path in paths:
         try:

@@ -69,7 +69,7 @@ def panel_process(
     finally:
         is_over.set()
         lifeline.close()
-        # A process that is still starting is not in the list, and ends by itself: a run that fails
+        # A process that is still starting is not in the list, and ends by itself. A run that fails
         # at once does not wait for it.
         for process in (*running,):
             process.join(_END_TIMEOUT_S)

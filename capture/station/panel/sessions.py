@@ -75,7 +75,7 @@ class Sessions:
         return str(_signed(file.key).dumps([session, user.name, password, now_s]))
 
     def find(self, cookie: str) -> Identity | None:
-        """Return who a cookie belongs to, or None if its session is over."""
+        """Return the user of a cookie, or None if its session is over."""
         file, now_s, content = self._file.read(), self._now_s(), self._content(cookie)
         if content is None:
             return None

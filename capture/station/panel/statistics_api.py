@@ -63,7 +63,7 @@ def _statistics_csv(call: ByOperator, _: Turn, name: str, filters: _Selected) ->
 
 @router.get("/statistics/{name}.png", **media("image/png"))
 def _statistics_png(call: ByOperator, _: Turn, name: str, filters: _Selected) -> Response:
-    """The same as an image."""
+    """A figure of the statistics, as for its CSV, as an image."""
     statistics, figure = _figure(call, name, filters)
     selected = statistics.selection
     bounds = (("from", selected.since_utc), ("to", selected.until_utc),

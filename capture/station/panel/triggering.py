@@ -23,7 +23,7 @@ MAX_WAITING = 8
 
 @dataclass(frozen=True)
 class _Repeated:
-    """The trigger of this key was accepted before."""
+    """Answer to a trigger whose key was accepted before."""
 
     part_id: str
     number: int | None  # None while a part of an earlier run has no result

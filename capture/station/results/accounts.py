@@ -1,4 +1,4 @@
-"""Changes of users and API clients, each recorded."""
+"""`Accounts`: change users and API clients; each change is recorded."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
