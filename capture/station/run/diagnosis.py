@@ -28,8 +28,7 @@ _NEWEST_LINKS = 1000  # checked in 0.05 s
 
 
 def diagnose_station(folder: Path) -> Iterator[Check]:
-    """Yield all checks; a failed one, such as a rig in use, does not prevent the next."""
-    # The LEDs are lit during the checks.
+    """Yield all checks, which light the LEDs; a failed one does not prevent the next."""
     opened: list[StationFolder] = []  # one, or none if station.toml is invalid
 
     def check_config() -> Iterator[Check]:

@@ -161,7 +161,7 @@ class _Panel:
             while not self._has_ended:
                 self._woken.wait()
                 self._woken.clear()
-                # Set before the last events are sent. Other threads set it too; it is never reset.
+                # Checked before the last events are sent, because no event comes after the closing.
                 if self._subscription.is_closed:
                     self._has_ended = True
                 self._send(b"")
@@ -201,7 +201,7 @@ class _Panel:
 
     def _answer(self, request: _Request) -> None:
         try:
-            outcome: dict[str, Any] = {"value": self._called(request)}
+            outcome: dict[str, Any] = {"value": self._call(request)}
         except RecipeRefused as error:
             outcome = {"refused": error.kind, "reason": str(error)}
         except ResultsUnavailable as error:
@@ -213,7 +213,7 @@ class _Panel:
         reply = Reply(id=request.id, **outcome)
         self._send(b'{"reply":%s}\n' % reply.model_dump_json().encode())
 
-    def _called(self, request: _Request) -> Accepted | Refused | RecipeLoaded | bool | None:
+    def _call(self, request: _Request) -> Accepted | Refused | RecipeLoaded | bool | None:
         live = self._live
         match request.call, request.arguments:
             case "submit", (fields,):

@@ -5,6 +5,7 @@ from typing import Literal
 from fastapi import APIRouter
 from starlette.responses import RedirectResponse, Response
 
+from capture.station.domain.folder import RECIPES
 from capture.station.domain.recipe_file import SUFFIX, RecipeFolder, read_recipe
 from capture.station.domain.taught import read_taught
 from capture.station.domain.users import Role
@@ -57,7 +58,7 @@ def changes_of_existing(call: Call, name: str) -> RecipeChanges:
 
 
 def load_recipe(call: Call, name: str, sha256: str | None) -> RecipeLoaded:
-    """Let the station judge by a recipe; the station records the change."""
+    """Ask the station to judge by a recipe; the station records the change."""
     who = call.someone
     asker = Asker(call.name, who.role, sha256, who.via)
     return call.panel.live.load_recipe(changes_of_existing(call, name).files.name, asker)
@@ -65,7 +66,7 @@ def load_recipe(call: Call, name: str, sha256: str | None) -> RecipeLoaded:
 
 def recipe_names(call: Call) -> list[str]:
     """Return the names of all recipes of the station."""
-    return sorted(path.stem for path in (call.panel.folder.path / "recipes").glob(f"*{SUFFIX}"))
+    return sorted(path.stem for path in (call.panel.folder.path / RECIPES).glob(f"*{SUFFIX}"))
 
 
 @router.get("/recipes")
