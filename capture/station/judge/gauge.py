@@ -60,20 +60,17 @@ class Share(Record):
     trials: int
     share: float | None  # None without trials
     bound: float
-    bound_is_upper: bool = Field(default=True, exclude=True)
 
     @classmethod
-    def of(cls, events: int, trials: int, bound: float, *, bound_is_upper: bool = True) -> Self:
+    def of(cls, events: int, trials: int, bound: float) -> Self:
         """Return the share of `events` in `trials`, None without trials."""
         share = events / trials if trials else None
-        return cls(
-            events=events, trials=trials, share=share, bound=bound, bound_is_upper=bound_is_upper
-        )
+        return cls(events=events, trials=trials, share=share, bound=bound)
 
-    def __str__(self) -> str:
+    def text(self, side: Literal["at least", "at most"]) -> str:
+        """Return the share and its bound, as text."""
         if self.share is None:
             return "no trials"
-        side = "at most" if self.bound_is_upper else "at least"
         return f"{self.events} of {self.trials}, {self.share:.1%}; {side} {self.bound:.1%}"
 
 
@@ -154,15 +151,17 @@ class GaugeReport(Record):
         bad_parts = [part for part in by_part.values() if not part[0].is_good]
         parts, bad = len(by_part), len(bad_parts)
         right = sum(_wrong_count(part) == 0 for part in by_part.values())
-        effectiveness = Share.of(right, parts, share_at_least(right, parts), bound_is_upper=False)
+        effectiveness = Share.of(right, parts, share_at_least(right, parts))
         misses, false_alarms = _wrong_share(bad_parts), _wrong_share(good_parts)
         rating = _rating(effectiveness.share, misses.share, false_alarms.share)
         min_effectiveness, max_misses, max_false_alarms = ACCEPTABLE
+        right_text = effectiveness.text("at least")
+        missed_text, alarms_text = misses.text("at most"), false_alarms.text("at most")
         lines = [
             f"{parts} known parts, {bad} of them bad, {len(presentations)} presentations",
-            f"effectiveness: {effectiveness}; acceptable is {min_effectiveness:.0%} or more",
-            f"misses: {misses}; acceptable is {max_misses:.0%} or less",
-            f"false alarms: {false_alarms}; acceptable is {max_false_alarms:.0%} or less",
+            f"effectiveness: {right_text}; acceptable is {min_effectiveness:.0%} or more",
+            f"misses: {missed_text}; acceptable is {max_misses:.0%} or less",
+            f"false alarms: {alarms_text}; acceptable is {max_false_alarms:.0%} or less",
             f"this gauge is {rating}; bounds count parts, with {CONFIDENCE:.0%} confidence",
         ]
         needed = trials_to_show(max_misses)
