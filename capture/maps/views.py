@@ -56,7 +56,6 @@ class _Labels:
 
     names: Callable[[list[float]], dict[int, str]]  # from the tilts of the lights in degrees
     colours: Callable[[int], Picture] | None = None  # (256, 3) by the number of lights; or grey
-    interpolation: int = cv2.INTER_AREA
 
 
 @dataclass(frozen=True)
@@ -129,7 +128,9 @@ def relief(kind: MapKind, maps: SurfaceMaps) -> MapView:
 def labelled(kind: MapKind, maps: SurfaceMaps) -> MapView:
     """Show a mask with a legend of its most frequent values."""
     labels = kind.labels or YES_NO
-    picture = pictures.reduced(mask_picture(kind, maps), labels.interpolation)
+    # The mean of two colours would be that of another value.
+    interpolation = cv2.INTER_AREA if labels.colours is None else cv2.INTER_NEAREST
+    picture = pictures.reduced(mask_picture(kind, maps), interpolation)
     if picture.ndim == 2:
         picture = pictures.grey(picture, top=255.0)
     return _view(kind, maps, picture, legend=_legend(maps.values(kind), labels, maps.tilts_deg))
@@ -184,10 +185,8 @@ SHADOWED_LIGHTS = _Labels(
         | {count: f"{count} lights" for count in range(2, len(tilts_deg) + 1)}
     ),
     pictures.shadow_colours,
-    cv2.INTER_NEAREST,
 )
 DROPPED_LIGHT = _Labels(
     lambda tilts_deg: dict(enumerate(led_names(tilts_deg))) | {NO_DROPPED_LIGHT: "none"},
     pictures.dropped_colours,
-    cv2.INTER_NEAREST,
 )
