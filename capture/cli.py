@@ -12,7 +12,7 @@ import typer
 
 from classify.base.errors import InputError, Ps4rigError
 
-from .base.console import add_commands, command_group, complain
+from .base.console import add_commands, add_group, complain
 from .base.interrupts import INTERRUPTED_STATUS
 from .base.process_settings import configure_process
 from .commands import (
@@ -62,7 +62,9 @@ add_commands(
         "reproduce": studies.reproduce,
     },
 )
-_calibrate_app = command_group(
+add_group(
+    app,
+    "calibrate",
     "Measure a rig with a white sheet, a sphere or a checkerboard, and keep it in one file.",
     {
         "dark": calibrate_camera.dark,
@@ -73,8 +75,9 @@ _calibrate_app = command_group(
         "show": calibrate_show.show,
     },
 )
-app.add_typer(_calibrate_app, name="calibrate")
-_rig_app = command_group(
+add_group(
+    app,
+    "rig",
     "Set up and check the rig itself, and switch its lights by hand.",
     {
         "init": rig_setup.init,
@@ -87,8 +90,9 @@ _rig_app = command_group(
         "simulate": rig_setup.simulate,
     },
 )
-app.add_typer(_rig_app, name="rig")
-_session_app = command_group(
+add_group(
+    app,
+    "session",
     "Capture many sets by a plan, and go on where a session was interrupted.",
     {
         "new": session_run.new,
@@ -98,8 +102,9 @@ _session_app = command_group(
         "report": session_report.report,
     },
 )
-app.add_typer(_session_app, name="session")
-_station_app = command_group(
+_station = add_group(
+    app,
+    "station",
     "Inspect parts with a rig, one after the other, and keep every result.",
     {
         "init": station_upkeep.init,
@@ -120,7 +125,9 @@ _station_app = command_group(
     },
     make_files_private,
 )
-_user_app = command_group(
+add_group(
+    _station,
+    "user",
     "The people who may use a station's panel.",
     {
         "add": station_users.add_user,
@@ -129,8 +136,9 @@ _user_app = command_group(
         "list": station_users.list_users,
     },
 )
-_station_app.add_typer(_user_app, name="user")
-_token_app = command_group(
+add_group(
+    _station,
+    "token",
     "The API clients: programs that may use a station's HTTP API.",
     {
         "add": station_users.add_token,
@@ -138,8 +146,6 @@ _token_app = command_group(
         "list": station_users.list_tokens,
     },
 )
-_station_app.add_typer(_token_app, name="token")
-app.add_typer(_station_app, name="station")
 
 
 @app.callback(invoke_without_command=True)

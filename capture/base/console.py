@@ -138,16 +138,19 @@ def print_table(table: Table) -> None:
     console.print(table, crop=False)
 
 
-def command_group(
+def add_group(
+    parent: typer.Typer,
+    group_name: str,
     help_text: str,
     commands: Mapping[str, Callable[..., None]],
     begin: Callable[[], None] = lambda: None,
 ) -> typer.Typer:
-    """Make a group of `commands` by name, which prints its help when called without one.
+    """Add and return a group of `commands` by name; without one of them it prints its help.
 
     `begin` is called before every command.
     """
     group = typer.Typer()
+    parent.add_typer(group, name=group_name)
 
     @group.callback(invoke_without_command=True, help=help_text)
     def options(context: typer.Context) -> None:
