@@ -32,7 +32,7 @@ async def _check_scheduler(address: str, answer_s: float) -> None:
 
 
 class DaskPool:
-    """A `_Pool` of the workers of a Dask scheduler, which may join later."""
+    """Workers of a Dask scheduler, which may join later, used like a `LocalPool`."""
 
     # The scheduler itself gives the items of a dead worker to others, and counts the failures, up
     # to `distributed.scheduler.allowed-failures`.

@@ -23,16 +23,17 @@ _Result = TypeVar("_Result")
 
 
 class LocalPool:
-    """A `_Pool` of processes of one thread each."""
+    """Processes of one thread each."""
 
     # The workers end when their pipe from this process closes, even if this process was killed.
 
-    attempts = 3
+    attempts = 3  # number of workers that may die with an item before it raises InputError
+    # Exceptions of a future whose worker died.
     death_types: tuple[type[Exception], ...] = (BrokenExecutor,)
 
     def __init__(self, workers: int) -> None:
-        self.workers = workers
-        # The other workers need items while the first item in order takes long.
+        self.workers = workers  # items that run at a time
+        # Submitted items: the other workers need some while the first one in order takes long.
         self.in_flight = 4 * workers
         self._start()
 
@@ -45,14 +46,17 @@ class LocalPool:
             raise BrokenExecutor("a worker died while it was being started") from error
 
     def renew(self) -> None:
+        """Start new workers; the submitted items are forgotten."""
         self.abort()
         self._start()
 
     def close(self) -> None:
+        """End the workers, which are idle."""
         self._executor.shutdown()
         self._lifeline.close()
 
     def abort(self) -> None:
+        """Interrupt the running items and end the workers."""
         self._lifeline.close()
         self._executor.shutdown(cancel_futures=True)
 

@@ -4,16 +4,22 @@ All three yield the same results: one for each item, in the order of the items. 
 function is raised in place of the item's result. The items of a killed worker are run again.
 """
 
+from __future__ import annotations
+
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import CancelledError, Future
 from dataclasses import dataclass
 from itertools import chain, islice
-from typing import Generic, Protocol, Self, TypeVar
+from typing import TYPE_CHECKING, Generic, Self, TypeVar
 
 from classify.base.errors import InputError
 from classify.base.threads import usable_processors
+
+if TYPE_CHECKING:
+    from .dask_pool import DaskPool
+    from .local_pool import LocalPool
 
 # Number of sets from which the workers start at once, while this process solves the first set. A
 # set of 512 x 512 px takes 10 ms here and 7 ms in two workers, which need 1.1 s to start.
@@ -22,27 +28,6 @@ _ONE_SET_S = 1e-9  # less than any set takes: the pool gets all sets but the fir
 
 _Item = TypeVar("_Item")
 _Result = TypeVar("_Result")
-
-
-class _Pool(Protocol):
-    """Workers that are used through the futures of `concurrent.futures`."""
-
-    workers: int  # items that run at a time
-    in_flight: int  # submitted items that keep the workers busy
-    attempts: int  # number of workers that may die with an item before it raises InputError
-    death_types: tuple[type[Exception], ...]  # exceptions of a future whose worker died
-
-    def submit(self, function: Callable[[_Item], _Result], item: _Item) -> Future[_Result]:
-        """Have a worker call the function."""
-
-    def renew(self) -> None:
-        """Start new workers; the submitted items are forgotten."""
-
-    def close(self) -> None:
-        """End the workers, which are idle."""
-
-    def abort(self) -> None:
-        """Interrupt the running items and end the workers."""
 
 
 class Batch:
@@ -65,7 +50,7 @@ class Batch:
         # much work in this process costs at most twice the better choice (the ski rental problem).
         self._start_up_s = start_up_s
         self._spent_s = 0.0
-        self._pool: _Pool | None = None
+        self._pool: LocalPool | DaskPool | None = None
         if scheduler is not None:
             from .dask_pool import DaskPool
 
@@ -118,7 +103,7 @@ class _Job(Generic[_Item, _Result]):
 
 
 def _in_order(
-    pool: _Pool, function: Callable[[_Item], _Result], items: Iterator[_Item]
+    pool: LocalPool | DaskPool, function: Callable[[_Item], _Result], items: Iterator[_Item]
 ) -> Iterator[_Result]:
     """Yield the results in order; after a worker's death, run suspect items one at a time."""
     # The death of one worker ends all futures, and the item that killed it is unknown. Items start
