@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from capture.calibration.ps4cal import CalibrationFile
     from capture.sets.captured_set import CapturedSet
     from capture.sets.photographs import Crop
-    from rig import Placement, Rig
+    from rig import Placement, Rig, RigConfig
 
 _DEFAULT_TILTS = "0,90,180,270"
 
@@ -105,28 +104,20 @@ def capture(
         for rotate_deg in orientations_deg
     ]
     options.check_orientations("--rotate", *orientations_deg)
-    for config in configs if has_surface else ():
-        rotate_deg = config.simulation.placement.rotate_deg
-        if orientation is not None and (orientation - rotate_deg) % 360.0:
-            raise InputError(
-                f"--orientation {orientation:g}: the simulated part is at {rotate_deg:g} degrees; "
-                f"give --rotate {orientation:g} instead"
-            )
-        camera, placed = config.camera, config.simulation.placement
-        for outside in placed.defects_outside(camera.width_px, camera.height_px):
-            complain(
-                f"warning: {outside.kind} at {outside.x_px:g}, {outside.y_px:g}: outside the frame "
-                f"of {camera.width_px} x {camera.height_px} px at {rotate_deg:g} degrees"
-            )
-    describe = partial(
-        described, specimen=specimen, operator=operator, note=note, orientation_deg=orientation
-    )
+    for placed_config in configs if has_surface else ():
+        _check_placement(placed_config, orientation)
     with open_rig(configs[0]) as opened:
         placements = [config.simulation.placement for config in configs]
         sets = _captured(opened, placements, count, label, average, calibration_file, target)
         saved = []
         for path, captured in zip(paths, progress(sets, len(paths), "capture"), strict=True):
-            describe(captured).save(path)
+            described(
+                captured,
+                specimen=specimen,
+                operator=operator,
+                note=note,
+                orientation_deg=orientation,
+            ).save(path)
             saved.append({"set": str(path), "simulated": captured.metadata.simulated})
             if not json:
                 origin = " (simulated)" if captured.metadata.simulated else ""
@@ -134,6 +125,21 @@ def capture(
                 out.print(f"{path}: {lights}{origin}")
     if json:
         print_json(saved)
+
+
+def _check_placement(config: RigConfig, orientation_deg: float | None) -> None:
+    """Refuse an orientation that the simulated part does not have; warn of defects outside."""
+    camera, placement = config.camera, config.simulation.placement
+    if orientation_deg is not None and (orientation_deg - placement.rotate_deg) % 360.0:
+        raise InputError(
+            f"--orientation {orientation_deg:g}: the simulated part is at "
+            f"{placement.rotate_deg:g} degrees; give --rotate {orientation_deg:g} instead"
+        )
+    for defect in placement.defects_outside(camera.width_px, camera.height_px):
+        complain(
+            f"warning: {defect.kind} at {defect.x_px:g}, {defect.y_px:g}: outside the frame of "
+            f"{camera.width_px} x {camera.height_px} px at {placement.rotate_deg:g} degrees"
+        )
 
 
 def _frames_and_time(captured: CapturedSet) -> str:
