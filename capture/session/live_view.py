@@ -49,7 +49,23 @@ class Outline:
     height_px: int
     lines: tuple[FloatMap, ...]  # closed, (n, 2): x, y down in px from the top left pixel
 
-    def rotated(self, angle_deg: float) -> "Outline":
+    @classmethod
+    def of(cls, captured: CapturedSet) -> Self:
+        """Find the outline of the part in a set, else the strongest edges of a texture."""
+        images = captured.images.astype(np.float32)
+        if captured.ambient is not None:
+            images -= captured.ambient
+        # The mean of all lights has the least shading, and shows the part against its ground.
+        mean = cv2.GaussianBlur(images.mean(axis=0), (0, 0), 1.0)
+        rows, columns = mean.shape
+        part = captured.mask if captured.mask is not None else _part_in(mean)
+        if part is None:
+            return cls(columns, rows, _edges(images))
+        contours = _contours(part)
+        lines = [max(contours, key=cv2.contourArea)] if contours else []
+        return cls(columns, rows, _simplified(lines))
+
+    def rotated(self, angle_deg: float) -> Self:
         """Rotate the lines anticlockwise about the middle of the frame."""
         middle = np.array([self.width_px - 1, self.height_px - 1]) / 2.0
         angle = np.radians(angle_deg)
@@ -75,22 +91,6 @@ class Outline:
             f'<path d="{paths}" stroke="#000" stroke-opacity="0.5" stroke-width="4" {style}/>'
             f'<path d="{paths}" stroke="#ffd400" stroke-width="2" {style}/></svg>'
         )
-
-
-def outline_of(captured: CapturedSet) -> Outline:
-    """Find the outline of the part in a set, or the strongest edges of a texture without one."""
-    images = captured.images.astype(np.float32)
-    if captured.ambient is not None:
-        images -= captured.ambient
-    # The mean of all lights has the least shading, and shows the part against its ground.
-    mean = cv2.GaussianBlur(images.mean(axis=0), (0, 0), 1.0)
-    rows, columns = mean.shape
-    part = captured.mask if captured.mask is not None else _part_in(mean)
-    if part is not None:
-        contours = _contours(part)
-        lines = [max(contours, key=cv2.contourArea)] if contours else []
-        return Outline(columns, rows, _simplified(lines))
-    return Outline(columns, rows, _edges(images))
 
 
 def _part_in(mean: FloatMap) -> BoolArray | None:
@@ -191,7 +191,7 @@ def _first_placement(first: Path) -> tuple[Outline, SpecimenReference, float]:
     """Outline, texture and orientation of the first placement, kept for the next one."""
     loaded = LoadedSet.of(first)
     return (
-        outline_of(loaded.captured),
+        Outline.of(loaded.captured),
         SpecimenReference(loaded),
         loaded.captured.metadata.orientation_deg or 0.0,
     )

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pytest
 
 from capture import CapturedSet
-from capture.session.live_view import Outline, outline_of
+from capture.session.live_view import Outline
 
 MakeSet = Callable[..., CapturedSet]
 SIDE_PX = 256
@@ -54,7 +54,7 @@ def gap_px(outline: Outline, mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.floa
 def test_the_turned_outline_lies_on_the_turned_part(
     made_set: MakeSet, angle_deg: float, ground: float
 ) -> None:
-    outline = outline_of(photographed(made_set, 0.0, ground=ground))
+    outline = Outline.of(photographed(made_set, 0.0, ground=ground))
     assert len(outline.lines) == 1
     turned = outline.rotated(angle_deg)
     assert np.percentile(gap_px(turned, part_mask(angle_deg)), 95) < 2.5
@@ -72,7 +72,7 @@ def test_the_turned_outline_lies_on_the_turned_part(
 def test_a_mask_of_the_set_is_its_outline(made_set: MakeSet) -> None:
     mask = part_mask(20.0)
     flat = np.full((4, SIDE_PX, SIDE_PX), 20_000, np.uint16)
-    outline = outline_of(made_set(flat, mask=mask))
+    outline = Outline.of(made_set(flat, mask=mask))
     assert gap_px(outline, mask).max() <= 1.5
 
 
@@ -80,13 +80,13 @@ def test_a_texture_that_fills_the_frame_is_drawn_by_its_edges(made_set: MakeSet)
     rng = np.random.default_rng(8)
     relief = [cv2.GaussianBlur(rng.normal(size=(SIDE_PX, SIDE_PX)), (0, 0), 3.0) for _ in range(4)]
     pixels = (30_000 + 100_000 * np.array(relief)).clip(0, 65535).astype(np.uint16)
-    outline = outline_of(made_set(pixels))
+    outline = Outline.of(made_set(pixels))
     assert 5 < len(outline.lines) <= 300
 
 
 @pytest.mark.parametrize("value", [0, 30_000])
 def test_an_even_frame_has_no_outline(made_set: MakeSet, value: int) -> None:
-    outline = outline_of(made_set(np.full((4, 64, 64), value, np.uint16)))
+    outline = Outline.of(made_set(np.full((4, 64, 64), value, np.uint16)))
     assert outline.lines == ()
     assert ET.fromstring(outline.svg()).tag.endswith("svg")
 
