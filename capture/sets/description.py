@@ -15,10 +15,11 @@ from classify.base.errors import InputError
 from classify.methods import checked_label
 
 from .captured_set import CapturedSet
-from .metadata import PROPERTY_PREFIX, CorrectionRecord, Property, SetMetadata
+from .metadata import CorrectionRecord, Property, SetMetadata
 
 _Field = Literal["label", "specimen", "operator", "note", "orientation_deg"]
 FIELDS: tuple[_Field, ...] = get_args(_Field)
+_PROPERTY_PREFIX = "properties."
 _MAX_PROPERTIES = 50
 
 
@@ -60,7 +61,7 @@ def corrected(
     )
     fields: dict[str, Any] = {name: changes[name] for name in FIELDS if name in changes}
     changed_properties = {
-        name.removeprefix(PROPERTY_PREFIX): value
+        name.removeprefix(_PROPERTY_PREFIX): value
         for name, value in changes.items()
         if name not in fields
     }
@@ -74,10 +75,10 @@ def corrected(
 
 def _value_of(metadata: SetMetadata, field: str) -> Property | None:
     """Return the present value of a field of `FIELDS`, or of ``properties.NAME``."""
-    if field.startswith(PROPERTY_PREFIX):
-        return metadata.properties.get(field.removeprefix(PROPERTY_PREFIX))
+    if field.startswith(_PROPERTY_PREFIX):
+        return metadata.properties.get(field.removeprefix(_PROPERTY_PREFIX))
     if field not in FIELDS:
-        fields = ", ".join([*FIELDS, f"{PROPERTY_PREFIX}NAME"])
+        fields = ", ".join([*FIELDS, f"{_PROPERTY_PREFIX}NAME"])
         raise InputError(f"{field}: cannot be corrected; the fields are {fields}")
     value: Property | None = getattr(metadata, field)
     return value
@@ -131,7 +132,7 @@ def _property(name: str, value: object) -> Property:
 def _parsed_value(name: str, text: str, before: Property | None) -> Property | None:
     if not text:
         return None
-    if name.startswith(PROPERTY_PREFIX):
+    if name.startswith(_PROPERTY_PREFIX):
         return text if isinstance(before, str) else _property(name, _toml_value(text))
     if name == "orientation_deg":
         try:

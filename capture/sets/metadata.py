@@ -30,7 +30,6 @@ def _printable(text: str | None) -> str | None:
 _Text = Annotated[str, AfterValidator(_printable)]
 # Value of a property of a specimen; dates are ISO 8601.
 Property = StrictBool | Annotated[StrictInt, Field(ge=-(2**63), lt=2**63)] | float | _Text
-PROPERTY_PREFIX = "properties."
 
 
 class LightingRecord(Record):
