@@ -56,19 +56,19 @@ def _uncertainty(maps: SurfaceMaps, calibration: FoundCalibration | None) -> dic
     if uncertainty is None:
         return None
     surface, length = maps.surface, float(maps.length_per_px)
-    angles = surface.angle_sd[surface.valid] if surface.angle_sd is not None else np.zeros(1)
-    measured = None if calibration is None else calibration.file.calibration
-    common = None
-    if measured is not None and measured.lights is not None and surface.lighting is not None:
-        response = 0.0 if measured.response is None else measured.response.error
-        common = asdict(common_error(surface, measured.lights, response))
+    assert surface.angle_sd is not None  # it comes with the deviations of the slopes
+    parts = None if calibration is None else calibration.file.calibration
+    errors_of_calibration = None
+    if parts is not None and parts.lights is not None and surface.lighting is not None:
+        response_error = 0.0 if parts.response is None else parts.response.error
+        errors_of_calibration = asdict(common_error(surface, parts.lights, response_error))
     return {
-        "median_angle_sd_deg": float(np.median(angles)),
+        "median_angle_sd_deg": float(np.median(surface.angle_sd[surface.valid])),
         "height_difference_sd": [
             {"distance": length * px, "sd": length * sd, "unit": maps.length_unit}
             for px, sd in uncertainty.height_sd_px.items()
         ],
-        "calibration": common,
+        "calibration": errors_of_calibration,
     }
 
 
