@@ -147,7 +147,7 @@ def mqtt_publisher(settings: MqttConfig, folder: StationFolder) -> "MqttPublishe
     return MqttPublisher(settings, partial(_log_text, folder))
 
 
-def shown_by(station: str, *, as_json: bool) -> Subscriber:
+def terminal_subscriber(station: str, *, as_json: bool) -> Subscriber:
     """Return a subscriber that prints events, or writes the journal if stdout leads there."""
     if as_json:
         return _print_event_as_json

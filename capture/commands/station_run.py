@@ -86,14 +86,14 @@ def run(
     from rig.config.lights import led_names
     from rig.config.rig import config_of
 
-    from .station_interfaces import running_interfaces, shown_by, trigger_source
+    from .station_interfaces import running_interfaces, terminal_subscriber, trigger_source
 
     with station_folder(folder) as opened:
         config = opened.config
         rig_config = config_of(rig or opened.rig)
         trigger = trigger or config.trigger
         live = LiveStation(config.name, simulated=rig_config.is_simulated, trigger=trigger)
-        terminal = shown_by(config.name, as_json=json)
+        terminal = terminal_subscriber(config.name, as_json=json)
 
         def log(live_event: LiveEvent) -> None:
             for line in text_lines(live_event.event):
@@ -111,7 +111,8 @@ def run(
                 opened, rig_config, source, live, operator=operator, parts=parts,
                 report_alive=notifier.report_alive, is_collecting=collect,
             )  # fmt: skip
-    if stopped.parts.get(Decision.ERROR) if collect else stopped.rejected:
+    failed_parts = stopped.parts.get(Decision.ERROR) if collect else stopped.rejected
+    if failed_parts:
         raise typer.Exit(1)
 
 
@@ -130,8 +131,9 @@ def panel(folder: options.Station, host: _Host = None, port: _Port = None) -> No
 
     from .station_interfaces import panel_settings
 
-    station, is_over = StationFolder(folder), threading.Event()
+    station = StationFolder(folder)
     settings = panel_settings(station.config.panel, host, port)
+    is_over = threading.Event()
     with serving_panel(
         Panel(station, StationLink(station), settings), ended=is_over.set
     ) as address:
