@@ -26,7 +26,7 @@ from .results import (
 )
 from .runs import System, patch_tasks
 
-# Accuracies of the thesis (see page.html), in percent.
+# Accuracies of the thesis (cited in chapter.html), in percent.
 _THESIS_PS3_1D, _THESIS_PS4_1D, _THESIS_PS4_2D = 90.56, 95.93, 99.07
 _THESIS_TEXTONS, _THESIS_WORST_WITH_SHADOW = 100.0, 95.83
 _NOT_IN_THESIS = "not in it"

@@ -111,10 +111,17 @@ def timing(
     columns = ("Hz", "lights", "clock", "switch", "set", "worst", "in all", "limit", "rejected")
     table = new_table(*columns)
     for row in timings:
-        mode = (f"{row.frame_rate_hz:.0f}", row.synchronisation, row.clock)
-        sets_ms = (row.median_ms, row.worst_ms, row.exposures_ms, row.limit_ms)
-        times = (_rounded(row.switch_ms, 2), *(_rounded(time_ms, 0) for time_ms in sets_ms))
-        table.add_row(*mode, *times, f"{row.rejected} of {row.accepted + row.rejected}")
+        table.add_row(
+            f"{row.frame_rate_hz:.0f}",
+            row.synchronisation,
+            row.clock,
+            _rounded(row.switch_ms, 2),
+            _rounded(row.median_ms, 0),
+            _rounded(row.worst_ms, 0),
+            _rounded(row.exposures_ms, 0),
+            _rounded(row.limit_ms, 0),
+            f"{row.rejected} of {row.accepted + row.rejected}",
+        )
     print_table(table)
     out.print(
         "Times in ms. Switch: from the command or the end of exposure to the light. Set, worst: "

@@ -128,7 +128,7 @@ def relief(kind: MapKind, maps: SurfaceMaps) -> MapView:
 def labelled(kind: MapKind, maps: SurfaceMaps) -> MapView:
     """Show a mask with a legend of its most frequent values."""
     labels = kind.labels or YES_NO
-    # The mean of two colours would be that of another value.
+    # The mean of two colours would stand for another value.
     interpolation = cv2.INTER_AREA if labels.colours is None else cv2.INTER_NEAREST
     picture = pictures.reduced(mask_picture(kind, maps), interpolation)
     if picture.ndim == 2:
