@@ -15,7 +15,7 @@ from capture.base.console import complain
 from capture.base.errors import SetRejected
 from capture.calibration.lookup import FoundCalibration
 from capture.maps.files import write_maps
-from capture.maps.surface_maps import RELIT_LIGHT
+from capture.maps.views import RELIT_LIGHT
 from capture.sets import ome_tiff
 from capture.sets.captured_set import PLANAR, CapturedSet, LoadedSet, calibration_of, naming_file
 from capture.sets.metadata import SetMetadata

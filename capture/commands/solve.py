@@ -68,8 +68,7 @@ def solve(
     """Write the maps of captured sets: p, q, albedo, normals, relative height, shadows and more."""
     from capture.batch.runner import Batch
     from capture.batch.tasks import SolveTask, solve_set, warn_of_sets
-    from capture.maps.surface_maps import RELIT_LIGHT
-    from capture.maps.views import SHOWN_LIGHTS
+    from capture.maps.views import RELIT_LIGHT, SHOWN_LIGHTS
     from capture.sets.archive import output_folders
 
     options.check_calibration(calibration, raw)

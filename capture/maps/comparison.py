@@ -24,8 +24,7 @@ from . import pictures
 from .map_kinds import MAP_KINDS
 from .map_tiff import read_description, read_map
 from .pictures import ColourScale
-from .surface_maps import SurfaceMaps
-from .views import MapKind, MapView, signed, unit_text
+from .views import MapKind, MapView, SurfaceMaps, signed, unit_text
 
 _Maps = dict[str, tuple[FloatMap, str]]  # with the unit of each
 # Fields of a setting that identify the rig; the others are settings.

@@ -23,8 +23,7 @@ from classify.relief.roughness import common_error
 from .map_kinds import kinds_of, map_views
 from .map_tiff import write_channels, write_values
 from .pictures import Picture
-from .surface_maps import RELIT_LIGHT, SurfaceMaps
-from .views import MapKind, MapView, mask_picture
+from .views import RELIT_LIGHT, MapKind, MapView, SurfaceMaps, mask_picture
 
 _UM_PER_MM = 1e3
 

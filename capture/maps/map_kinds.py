@@ -14,8 +14,7 @@ from classify.base.arrays import BoolArray, FloatMap
 from classify.relief.curvature import CURVATURE_SCALE_PX
 
 from . import pictures, views
-from .surface_maps import SurfaceMaps
-from .views import LENGTH, SHOWN_LIGHTS, MapKind, MapView
+from .views import LENGTH, SHOWN_LIGHTS, MapKind, MapView, SurfaceMaps
 
 
 def _as_levels(mask: BoolArray) -> npt.NDArray[np.uint8]:

@@ -14,7 +14,7 @@ from capture import CapturedSet
 from capture.maps.files import write_maps
 from capture.maps.map_kinds import map_views
 from capture.maps.map_tiff import read_map
-from capture.maps.surface_maps import SurfaceMaps
+from capture.maps.views import SurfaceMaps
 from classify import (
     Lighting,
     SurfaceEstimate,

@@ -14,8 +14,7 @@ from capture import CapturedSet
 from capture.maps import views
 from capture.maps.map_kinds import MAP_KINDS
 from capture.maps.napari_reader import read_map_layers
-from capture.maps.surface_maps import SurfaceMaps
-from capture.maps.views import MapKind
+from capture.maps.views import MapKind, SurfaceMaps
 
 STEEP = 0.3
 

@@ -10,7 +10,7 @@ import pytest
 from capture import CapturedSet
 from capture.maps.files import map_page
 from capture.maps.map_kinds import map_views
-from capture.maps.surface_maps import SurfaceMaps
+from capture.maps.views import SurfaceMaps
 from tests.html_page import Page
 
 
