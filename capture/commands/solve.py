@@ -173,13 +173,13 @@ class _ExportFormat:
 
 
 def _write_npz(loaded: LoadedSet, path: Path) -> None:
-    from capture.maps.set_files import write_numpy_file
+    from capture.maps.exports import write_numpy_file
 
     write_numpy_file(loaded.captured, path)
 
 
 def _write_ply(loaded: LoadedSet, path: Path) -> str:
-    from capture.maps.height_files import scaled_height, write_ply
+    from capture.maps.exports import scaled_height, write_ply
 
     surface, height, per_px, unit = scaled_height(loaded)
     write_ply(path, height, surface.albedo, per_px, unit)
@@ -187,7 +187,7 @@ def _write_ply(loaded: LoadedSet, path: Path) -> str:
 
 
 def _write_stl(loaded: LoadedSet, path: Path) -> str:
-    from capture.maps.height_files import scaled_height, write_stl
+    from capture.maps.exports import scaled_height, write_stl
 
     _, height, per_px, unit = scaled_height(loaded)
     write_stl(path, height, per_px, unit)
@@ -195,14 +195,14 @@ def _write_stl(loaded: LoadedSet, path: Path) -> str:
 
 
 def _write_x3p(loaded: LoadedSet, path: Path) -> str:
-    from capture.maps.height_files import HeightMap, write_x3p
+    from capture.maps.exports import HeightMap, write_x3p
 
     write_x3p(path, HeightMap.of(loaded))
     return "m"
 
 
 def _write_sur(loaded: LoadedSet, path: Path) -> str:
-    from capture.maps.height_files import HeightMap, write_sur
+    from capture.maps.exports import HeightMap, write_sur
 
     write_sur(path, HeightMap.of(loaded))
     return "um"
@@ -242,7 +242,7 @@ def export(
     """Write a captured set, or its height, for other programs."""
     from capture.base.outputs import check_output
     from capture.batch.tasks import SolveTask, solve_set
-    from capture.maps.set_files import write_light_folder
+    from capture.maps.exports import write_light_folder
     from capture.sets.captured_set import LoadedSet, naming_file
 
     suffix = output.suffix.lower()

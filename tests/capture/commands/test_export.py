@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from capture import CapturedSet
-from capture.maps.height_files import write_ply, write_stl
+from capture.maps.exports import write_ply, write_stl
 
 Command = Callable[..., Any]
 Refused = Callable[..., str]

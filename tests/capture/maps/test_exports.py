@@ -19,7 +19,7 @@ from hypothesis.extra import numpy as st_numpy
 
 from capture import CalibrationFile, CapturedSet
 from capture.calibration.ps4cal import PartRecord
-from capture.maps.height_files import HeightMap, write_sur, write_x3p
+from capture.maps.exports import HeightMap, write_sur, write_x3p
 from classify.calibration.calibration import Scale
 
 Command = Callable[..., Any]
