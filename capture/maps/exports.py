@@ -58,6 +58,7 @@ def write_light_folder(captured: CapturedSet, folder: Path) -> str:
         )
     if captured.metadata.mm_per_px is not None:
         options += ["--mm-per-px", str(captured.metadata.mm_per_px)]
+    # Full scale may be shifted to the upper bits: its ones are the depth.
     return shlex.join([*options, "--bits", str(captured.metadata.full_scale.bit_count())])
 
 
@@ -104,20 +105,22 @@ class HeightMap:
     @classmethod
     def of(cls, loaded: LoadedSet) -> HeightMap:
         """Solve a set with its calibration, and integrate its slopes."""
-        metadata = loaded.captured.metadata
-        source, mm_per_px = loaded.found_calibration, loaded.mm_per_px
+        metadata, mm_per_px = loaded.captured.metadata, loaded.mm_per_px
         if mm_per_px is None:
             raise InputError(
                 "has no scale, and the file holds lengths; measure it with ps4rig calibrate scale, "
                 "import photographs with --mm-per-px, or export to .ply or .stl"
             )
-        scale = None if source is None else source.file.records.get("scale")
+        calibration = loaded.found_calibration
+        scale = None if calibration is None else calibration.file.records.get("scale")
+        date = metadata.capture_date or metadata.created_utc
         try:
-            captured_at = datetime.fromisoformat(metadata.capture_date or metadata.created_utc)
+            captured_at = datetime.fromisoformat(date)
         except ValueError:
+            field = "photographed" if date == metadata.photographed else "created_utc"
             raise InputError(
-                f"metadata field created_utc: {metadata.created_utc!r} is not a date; capture the "
-                "part again, or export to .ply or .stl"
+                f"metadata field {field}: {date!r} is not a date; capture the part again, or "
+                "export to .ply or .stl"
             ) from None
         surface, heights_mm = _solved_height(loaded)
         heights_mm *= mm_per_px

@@ -136,6 +136,23 @@ def test_a_wrong_output_is_refused(
     assert refused("export", "a.ome.tif", output).startswith(message)
 
 
+def test_the_metadata_field_that_is_no_date_is_named(
+    refused: Refused, made_set: Callable[..., CapturedSet], in_folder: Path
+) -> None:
+    captured = made_set(np.full((4, 8, 9), 1000, np.uint16))
+    photographs = tuple(
+        image.model_copy(update={"source_file": "a.png"}) for image in captured.metadata.images
+    )
+    imported = {"images": photographs, "photographed": "in May"}
+    for fields, message in (
+        ({"created_utc": "today"}, "created_utc: 'today' is not a date"),
+        (imported, "photographed: 'in May' is not a date"),
+    ):
+        metadata = captured.metadata.model_copy(update={"mm_per_px": 0.1, **fields})
+        replace(captured, metadata=metadata).save(in_folder / "a.ome.tif")
+        assert f"metadata field {message}" in refused("export", "a.ome.tif", "a.x3p")
+
+
 @pytest.mark.parametrize("name", ["a.ply", "a.stl"])
 def test_a_mesh_is_that_of_the_valid_pixels(
     ps4rig: Command, refused: Refused, made_set: Callable[..., CapturedSet], in_folder: Path,
