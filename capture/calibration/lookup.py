@@ -36,7 +36,7 @@ def find_calibration(
     path: Path,
     hashes: tuple[str, ...],
     setting: Setting,
-    created_utc: str,
+    capture_date: str,
     chosen: Path | None,
     remedy: str,
 ) -> FoundCalibration | None:
@@ -48,7 +48,7 @@ def find_calibration(
     else:
         return None
     check_setting(file, setting, str(path))
-    warnings = (*file.warnings(), *_age_warnings(file, created_utc))
+    warnings = (*file.warnings(), *_age_warnings(file, capture_date))
     return FoundCalibration(file_path, file, warnings)
 
 
@@ -119,9 +119,9 @@ def _candidates(path: Path) -> Iterator[Path]:
         )
 
 
-def _age_warnings(file: CalibrationFile, created_utc: str) -> Iterator[str]:
+def _age_warnings(file: CalibrationFile, capture_date: str) -> Iterator[str]:
     try:
-        captured = utc_of(created_utc)
+        captured = utc_of(capture_date)
     except ValueError:  # not a date
         return
     ages = {name: record.age_days(captured) or 0 for name, record in file.records.items()}

@@ -237,7 +237,8 @@ def calibration_of(
 ) -> FoundCalibration | None:
     """Find the calibration of the set at `path` with images of `shape`; see `find_calibration`."""
     ids, setting = metadata.calibration_ids, _setting_of(metadata, shape)
-    return find_calibration(path, ids, setting, metadata.created_utc, chosen, remedy)
+    capture_date = metadata.capture_date or metadata.created_utc
+    return find_calibration(path, ids, setting, capture_date, chosen, remedy)
 
 
 def _setting_of(metadata: SetMetadata, shape: tuple[int, ...]) -> Setting:

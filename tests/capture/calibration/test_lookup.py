@@ -130,6 +130,17 @@ def test_an_old_calibration_is_used_with_a_warning(
     assert [text[: len(said[0])] for text in found.warnings] == list(said)
 
 
+def test_photographs_are_as_old_as_their_files_state(tmp_path: Path, placed: CapturedSet) -> None:
+    file = file_of(placed.setting, date="2020-05-01")
+    file.write(tmp_path / "rig.ps4cal")
+    images = tuple(
+        image.model_copy(update={"source_file": "a.png"}) for image in placed.metadata.images
+    )
+    imported = {"images": images, "photographed": "2020-05-02T10:00:00"}
+    metadata = placed.with_calibration(file).metadata.model_copy(update=imported)
+    assert find(tmp_path / "a.ome.tif", replace(placed, metadata=metadata)).warnings == ()
+
+
 def test_the_copy_beside_a_set_outlives_a_change_of_the_file(
     tmp_path: Path, placed: CapturedSet
 ) -> None:
