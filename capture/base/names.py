@@ -15,7 +15,7 @@ NAME_PATTERN = "^[A-Za-z0-9][A-Za-z0-9_.-]{0,99}$"
 
 
 def file_name(name: str) -> str:
-    """Return a name that can be that of a file on every system; ValueError for another."""
+    """Return a name that can be part of names of files; ValueError for another."""
     if not re.fullmatch(NAME_PATTERN, name):
         raise ValueError(
             f"{name!r} becomes part of names of files; use up to 100 letters, digits and _ . -, "
