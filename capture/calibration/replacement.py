@@ -195,9 +195,7 @@ def _flat_field(present: MeasuredPart, measured: MeasuredPart) -> Iterator[_Diff
 def _response(present: MeasuredPart, measured: MeasuredPart) -> Iterator[_Difference]:
     before: Response = present.part
     now: Response = measured.part
-    linear = np.linspace(0.0, 1.0, len(before.curve))
-    curves = [linear if response.linear else response.curve for response in (before, now)]
-    size = float(np.abs(curves[1] - curves[0]).max())
+    size = float(np.abs(now.curve - before.curve).max())
     yield _Difference("another curve", size, _limit(_FLOOR_RESPONSE, before.error, now.error))
 
 
