@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +27,7 @@ def get_reader(path: str | list[str]) -> _Reader | None:
     try:
         if Path(path).is_dir():
             read_description(Path(path) / "p.tif")  # every folder of maps has it
-            return read_map_layers
+            return _read_map_layers
         ome_tiff.read_header(Path(path))
     except InputError:
         return None
@@ -52,17 +52,14 @@ def _read_set_layers(path: str) -> list[_Layer]:
     ]
 
 
-def read_map_layers(path: str) -> list[_Layer]:
+def _read_map_layers(path: str) -> list[_Layer]:
     """Read the maps in a folder as layers with their descriptions; only the albedo is visible."""
-    return list(_map_layers(Path(path)))
-
-
-def _map_layers(folder: Path) -> Iterator[_Layer]:
     from .map_kinds import MAP_KINDS  # here, since a set is read without a solver
     from .views import YES_NO
 
     masks = {name for name, kind in MAP_KINDS.items() if kind.labels is YES_NO}
-    for file in sorted(folder.glob("*.tif")):
+    layers = []
+    for file in sorted(Path(path).glob("*.tif")):
         try:
             read_description(file)
         except InputError:  # a file of someone else
@@ -71,7 +68,7 @@ def _map_layers(folder: Path) -> Iterator[_Layer]:
         channels = values if values.ndim == 3 else values[None]
         names = [file.stem] if values.ndim == 2 else [f"{file.stem} {axis}" for axis in "xyz"]
         for name, channel in zip(names, channels, strict=True):
-            yield _layer(
+            layer = _layer(
                 name,
                 channel,
                 description,
@@ -79,6 +76,8 @@ def _map_layers(folder: Path) -> Iterator[_Layer]:
                 is_mask=name in masks,
                 is_visible=name == _SHOWN_MAP,
             )
+            layers.append(layer)
+    return layers
 
 
 def _layer(

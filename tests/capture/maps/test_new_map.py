@@ -13,7 +13,7 @@ import tifffile
 from capture import CapturedSet
 from capture.maps import views
 from capture.maps.map_kinds import MAP_KINDS
-from capture.maps.napari_reader import read_map_layers
+from capture.maps.napari_reader import get_reader
 from capture.maps.views import MapKind, SurfaceMaps
 
 STEEP = 0.3
@@ -70,7 +70,9 @@ def test_the_page_and_the_preview_show_them(maps: Path) -> None:
 
 
 def test_napari_shows_them(maps: Path) -> None:
-    layers = {arguments["name"]: kind for _, arguments, kind in read_map_layers(str(maps))}
+    read = get_reader(str(maps))
+    assert read is not None
+    layers = {arguments["name"]: kind for _, arguments, kind in read(str(maps))}
     assert (layers["slope"], layers["steep"]) == ("image", "labels")
 
 
