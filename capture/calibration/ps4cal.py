@@ -223,7 +223,7 @@ class CalibrationFile:
         with array_archive.open_archive(path, _KIND) as archive:
             header = archive.header(_Header)
             arrays = {
-                name: {key: archive.array(f"{name}/{key}.npy", _DTYPES) for key in part.arrays}
+                name: {key: archive.array(f"{name}/{key}.npy", *_DTYPES) for key in part.arrays}
                 for name, part in header.parts.items()
             }
             members = {

@@ -13,7 +13,7 @@ import struct
 import tokenize
 import zipfile
 import zlib
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -34,6 +34,7 @@ _Header = TypeVar("_Header", bound=BaseModel)
 # whose members declare more than this multiple of its size would fill the memory (test_ps4lib.py).
 _MAX_COMPRESSION = 16
 _COMPRESSION_SLACK_BYTES = 2**20
+# Header of a member: signature, nine fields, and the lengths of name and extra field after it.
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")
 # Errors of zipfile, zlib, json and numpy for a damaged file: RuntimeError for encrypted members and
 # JSON nested too deep, the last four for a broken numpy header.
@@ -111,24 +112,23 @@ class ArrayArchive:
             field = ".".join(map(str, first["loc"]))
             raise self.error(f"header field {field}: {first['msg']}") from error
 
-    def array(self, name: str, dtypes: str | Collection[str]) -> Array:
+    def array(self, name: str, *dtypes: str) -> Array:
         """One array of one of these types, read or mapped, after its header was checked."""
         info = self._member(name)
-        allowed = [np.dtype(name) for name in ([dtypes] if isinstance(dtypes, str) else dtypes)]
         with self._archive.open(info) as member:
             np.lib.format.read_magic(member)
             shape, fortran_order, dtype = np.lib.format.read_array_header_1_0(member)
             header_bytes = member.tell()
             values_bytes = info.file_size - header_bytes
             fits = math.prod(shape) * dtype.itemsize == values_bytes
-            if dtype not in allowed or fortran_order or not fits:
+            if dtype not in map(np.dtype, dtypes) or fortran_order or not fits:
                 raise self.damage_error(f"{name} is {shape} {dtype} in {values_bytes} bytes")
             if info.file_size < self._map_from_bytes:
                 return np.frombuffer(member.read(), dtype).reshape(shape)
         if info.compress_type != zipfile.ZIP_STORED:
             raise self.error(f"{name} is compressed")
-        start = self._start(info) + header_bytes
-        return np.memmap(self._file, dtype, mode="r", offset=start, shape=shape)
+        offset = self._offset(info) + header_bytes
+        return np.memmap(self._file, dtype, mode="r", offset=offset, shape=shape)
 
     def _member(self, name: str) -> zipfile.ZipInfo:
         try:
@@ -140,13 +140,14 @@ class ArrayArchive:
             raise self.error(f"{name} is compressed by an unknown method")
         return info
 
-    def _start(self, info: zipfile.ZipInfo) -> int:
-        """Offset of the bytes of a stored member, which follow its own header."""
+    def _offset(self, info: zipfile.ZipInfo) -> int:
+        """Offset of the bytes of a stored member, which follow its own header in the file."""
         self._file.seek(info.header_offset)
         fields = _LOCAL_HEADER.unpack(self._file.read(_LOCAL_HEADER.size))
-        if fields[0] != b"PK\x03\x04":
+        signature, *_, name_bytes, extra_bytes = fields
+        if signature != b"PK\x03\x04":
             raise zipfile.BadZipFile(f"no member begins at {info.header_offset}")
-        return info.header_offset + _LOCAL_HEADER.size + int(fields[9]) + int(fields[10])
+        return info.header_offset + _LOCAL_HEADER.size + int(name_bytes) + int(extra_bytes)
 
 
 def is_cut_short(array: Array) -> bool:
@@ -188,9 +189,9 @@ def write_archive(path: Path, kind: ArchiveKind, header: str, arrays: Mapping[st
                 np.lib.format.write_array(member, plain, allow_pickle=False)
 
 
-def arrays_sha256(header: str, arrays: Mapping[str, Array]) -> str:
+def arrays_sha256(text: str, arrays: Mapping[str, Array]) -> str:
     """SHA-256 over a text, and over arrays with their names, types and shapes."""
-    digest = hashlib.sha256(header.encode())
+    digest = hashlib.sha256(text.encode())
     for name in sorted(arrays):
         plain = np.ascontiguousarray(arrays[name])
         digest.update(f" {name} {plain.dtype.str} {plain.shape} ".encode())
@@ -217,7 +218,7 @@ def read_arrays(
     """Read finite float32 or float64 arrays; None in a shape stands for any length."""
     with open_archive(path, kind) as archive:
         header = archive.header(_ArraysHeader)
-        arrays = {name: archive.array(f"{name}.npy", ("<f4", "<f8")) for name in shapes}
+        arrays = {name: archive.array(f"{name}.npy", "<f4", "<f8") for name in shapes}
         for name, shape in shapes.items():
             stored = arrays[name].shape
             if len(stored) != len(shape) or any(

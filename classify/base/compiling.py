@@ -28,7 +28,7 @@ class _KernelCache(FunctionCache):
         self._cache_file = _CodeFiles(self._cache_path, self._impl.filename_base, stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Load compiled code; say so the first time that there is none."""
+        """Load compiled code; log the first time that there is none."""
         code = super().load_overload(sig, target_context)
         if code is None:
             _announce_compilation(self.cache_path)

@@ -55,7 +55,7 @@ class Section(Record):
 _MAX_TOML_BYTES = 1 << 20  # a complete rig.toml has about 3 kB, a plan of 10 000 specimens 700 kB
 
 _MAX_TABLES = 20  # within each other; files of ps4rig have four
-# A name of more tables: tomllib takes a time that is quadratic in their number.
+# A dotted key of more tables, which takes tomllib a time that is quadratic in their number.
 _PART = r"(?<![^\s.,=#\[\]{}])[^\s.,=#\[\]{}]+"
 _DEEP_NAME = re.compile(rf"(?:{_PART}[ \t]*\.[ \t]*){{{_MAX_TABLES}}}")
 _TOO_DEEP = f"more than {_MAX_TABLES} tables within each other"
@@ -104,12 +104,12 @@ def read_toml_as(path: Path, model: type[_Model], if_missing: str) -> _Model:
 
 
 def explained(message: str) -> PydanticCustomError:
-    """An error of a validator whose message is complete, with key and value."""
+    """Return an error for a validator to raise, whose message already has key and value."""
     return PydanticCustomError("explained", "{message}", {"message": message})
 
 
 def validation_message(error: ValidationError, root: type[BaseModel], section: str = "") -> str:
-    """Describe an error of `root`; a misspelt key precedes the key that it should have been."""
+    """Describe the first error of `root`; an unknown key before others, which it may explain."""
     errors = error.errors(include_url=False)
     first = next((fault for fault in errors if fault["type"] == "extra_forbidden"), errors[0])
     location, value, cause = first["loc"], first["input"], first["msg"]
@@ -139,14 +139,14 @@ def validation_message(error: ValidationError, root: type[BaseModel], section: s
 
 
 def first_fault(error: ValidationError) -> str:
-    """Return place and text of the first error of a file that this program wrote."""
+    """Return field and message of the first error in a file that this program wrote."""
     first = error.errors(include_url=False)[0]
     place = ".".join(map(str, first["loc"])) or "the file"
     return f"{place}: {first['msg']}"
 
 
 def messages_by_place(error: ValidationError) -> dict[tuple[str | int, ...], str]:
-    """Return what is wrong with each value, by its place, for a form that shows the value."""
+    """Return the message for each wrong value, by its place, for a form that shows the value."""
     return {fault["loc"]: in_words(fault["msg"]) for fault in error.errors(include_url=False)}
 
 
@@ -168,7 +168,7 @@ def _unknown_key(location: tuple[str | int, ...], root: type[BaseModel]) -> str:
 
 
 def _fields_at(location: tuple[str | int, ...], root: type[BaseModel]) -> dict[str, FieldInfo]:
-    """The fields of the model at a place of a file; empty if it is no model."""
+    """The fields of the model at a place of a file; empty if there is a plain value."""
     model: Any = root
     for part in location:
         model = getattr(getattr(model, "model_fields", {}).get(part), "annotation", None)

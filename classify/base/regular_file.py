@@ -21,7 +21,7 @@ _Content = TypeVar("_Content")
 def open_regular_file(path: Path, max_bytes: int) -> BinaryIO:
     """Open a regular file of at most `max_bytes` for reading; links to one are followed."""
     try:
-        file = open(path, "rb", opener=_descriptor)  # noqa: SIM115 - has an opener
+        file = open(path, "rb", opener=_open)  # noqa: SIM115 - has an opener
     except FileNotFoundError as error:
         raise InputError(f"{path}: no such file") from error
     except OSError as error:
@@ -59,7 +59,8 @@ def _read(file: BinaryIO, most_bytes: int) -> bytes:
     return b"".join(pieces)
 
 
-def _descriptor(path: str, flags: int) -> int:
+def _open(path: str, flags: int) -> int:
+    """Open a file as `open` does, without blocking on a pipe or gaining a terminal."""
     return os.open(path, flags | _FLAGS)
 
 
@@ -75,7 +76,7 @@ def read_once(files: int) -> Callable[[Callable[[Path], _Content]], Callable[[Pa
 
     def decorate(read: Callable[[Path], _Content]) -> Callable[[Path], _Content]:
         @lru_cache(maxsize=files)
-        def kept(path: Path, _mtime_ns: int, _size: int) -> _Content:
+        def cached(path: Path, _mtime_ns: int, _size: int) -> _Content:
             return read(path)
 
         @wraps(read)
@@ -84,7 +85,7 @@ def read_once(files: int) -> Callable[[Callable[[Path], _Content]], Callable[[Pa
                 status = path.stat()
             except OSError:
                 return read(path)  # which raises the error
-            return kept(path, status.st_mtime_ns, status.st_size)
+            return cached(path, status.st_mtime_ns, status.st_size)
 
         return read_if_changed
 
