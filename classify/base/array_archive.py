@@ -34,7 +34,7 @@ _Header = TypeVar("_Header", bound=BaseModel)
 # whose members declare more than this multiple of its size would fill the memory (test_ps4lib.py).
 _MAX_COMPRESSION = 16
 _COMPRESSION_SLACK_BYTES = 2**20
-# Header of a member: signature, nine fields, and the lengths of name and extra field after it.
+# Header of a member: signature, eight fields, and the lengths of name and extra field after it.
 _LOCAL_HEADER = struct.Struct("<4s5H3I2H")
 # Errors of zipfile, zlib, json and numpy for a damaged file: RuntimeError for encrypted members and
 # JSON nested too deep, the last four for a broken numpy header.

@@ -108,6 +108,8 @@ _MIN_VARIANCE, _ROUNDING_ERROR = 0.4, 0.003
 _MAX_FITTED_SHARE = 0.7
 # Groups of blocks of similar mean, compared with the line; fewer do not show that it is straight.
 _GROUPS, _MIN_GROUPS = 12, 4
+# Number of finer parts of similar mean, in which the variances are averaged before a selection.
+_SIMILAR_PARTS = 144
 # Least span of the levels, as a share of the range; the slope of a short piece is not meaningful.
 _MIN_SPAN = 0.2
 # rms departure of the groups from the line, as a share of the variance: 0.6 % at most for linear
@@ -205,7 +207,7 @@ def _fit(
 def _smoothed(means: Floats, variances: Floats) -> Floats:
     """(n,) mean variance of the blocks of similar mean."""
     order = np.argsort(means)
-    parts = np.array_split(order, min(_GROUPS**2, max(1, len(order))))
+    parts = np.array_split(order, min(_SIMILAR_PARTS, max(1, len(order))))
     smooth = np.empty_like(variances)
     for part in parts:
         smooth[part] = variances[part].mean() if part.size else 0.0

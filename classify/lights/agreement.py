@@ -165,15 +165,15 @@ def _compare(
     raw, dark = (_subset(planes, rows, columns).astype(np.float32) for planes in (images, ambient))
     gains = (1.0 / lighting.intensities).astype(np.float32)
     if isinstance(noise, SensorNoise):
-        squares, variance = np.square(gains), noise.coefficients()
+        factors, coefficients = np.square(gains), noise.coefficients()
     else:
-        squares = np.ones(4, np.float32)
-        variance = np.array([max(noise**2, ROUNDING_VARIANCE), 0.0, 0.0], np.float32)
+        factors = np.ones(4, np.float32)
+        coefficients = np.array([max(noise**2, ROUNDING_VARIANCE), 0.0, 0.0], np.float32)
     means = gains * (raw.mean(axis=(1, 2)) - dark.mean())
     variances, lit = np.empty_like(raw), np.empty(dark.shape, np.bool_)
     _weigh(
         raw, dark, gains, np.maximum(means, np.float32(1e-6)),
-        (null / np.abs(null).mean()).astype(np.float32), squares, variance,
+        (null / np.abs(null).mean()).astype(np.float32), factors, coefficients,
         np.float32(full_scale), variances, lit,
     )  # fmt: skip
     return _Comparison(raw, variances, lit)
@@ -191,13 +191,14 @@ def _subset(
 @kernel
 def _weigh(
     values: FloatMap, dark: FloatMap, gains: FloatMap, means: FloatMap, null: FloatMap,
-    squares: FloatMap, variance: FloatMap, full_scale: np.float32,
+    factors: FloatMap, coefficients: FloatMap, full_scale: np.float32,
     variances: FloatMap, lit: BoolArray,
 ) -> None:  # fmt: skip
     """Replace `values` (4, R, C) by the terms of the residual; write their variances and `lit`."""
-    # The variance of a value is `squares` (4,) times a + b (value - black).
+    # The variance of a value is `factors` (4,) times a + b (value - black); `coefficients` are a, b
+    # and black.
     rows, columns = dark.shape
-    a, b, black = variance
+    a, b, black = coefficients
     zero, quarter, tiny = np.float32(0.0), np.float32(0.25), np.float32(1e-6)
     shadow = np.float32(MAYBE_SHADOW)
     low, high, total = np.empty((3, columns), np.float32)
@@ -207,7 +208,7 @@ def _weigh(
             gain, relative_gain = gains[k], gains[k] / means[k]
             for c in range(columns):
                 value = values[k, r, c]
-                variances[k, r, c] = squares[k] * (a + b * max(value - black, zero))
+                variances[k, r, c] = factors[k] * (a + b * max(value - black, zero))
                 lit[r, c] &= value < full_scale
                 value -= dark[r, c]
                 values[k, r, c] = gain * value
@@ -311,12 +312,13 @@ def _band_edges(rows: int, height: int) -> Indices:
 
 @dataclass(frozen=True, eq=False)
 class _Levels:
-    """LED levels (4,) of median 1, and the standard error of the worst of them."""
+    """LED levels (4,) of median 1, and the standard error of the least certain one."""
 
     levels: Floats
     error: float
 
     def agrees_with(self, other: _Levels) -> bool:
+        """Whether all levels are equal to within their errors."""
         limit = _EQUAL_LEVELS + _STANDARD_ERRORS * math.hypot(self.error, other.error)
         return bool(np.abs(self.levels - other.levels).max() <= limit)
 

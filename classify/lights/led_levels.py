@@ -123,19 +123,19 @@ def residual_spread(values: FloatMap, null: Floats) -> float:
 
 
 def level_corrections(
-    lit: LitSamples, gains: FloatMap, variance: FloatMap, lighting: Lighting
+    lit: LitSamples, gains: FloatMap, noise_coefficients: FloatMap, lighting: Lighting
 ) -> FloatMap:
     """Factors (4,) of mean 1 that correct images of LEDs of unknown levels.
 
     They are of `fit_levels` if its factors explain the residual, else of `_levels_by_brightness`.
-    `variance` (3,) is a, b and black of the variance a + b (value - black).
+    `noise_coefficients` (3,) are a, b and black of the variance a + b (value - black).
     """
     no_correction = np.ones(4, np.float32)
     values, count = lit.values, lit.values.shape[1]
     if count < _MIN_SAMPLES:
         return no_correction
     pinv, null = drop_one_constants(lighting, "level_corrections")
-    a, b, black = variance
+    a, b, black = noise_coefficients
     variances = np.square(null * gains).astype(np.float32)[:, None] * (
         a + b * np.maximum(lit.raw - black, np.float32(0.0))
     )

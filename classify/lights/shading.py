@@ -168,6 +168,7 @@ def shading_order(shading: _Shading, lighting: Lighting) -> ShadingOrder:
     if not shading.shadings or count < 3:
         return ShadingOrder("undecided")
     tangents = lighting.directions[:, :2] / lighting.directions[:, 2:]
+    # Residual of unrelated images: N - 3 of the N - 1 dimensions of their shading.
     chance = np.sqrt((count - 3.0) / (count - 1.0))
     orders = [*_candidates(count)]
     residual, curl = _misfits(shading, tangents, orders)
@@ -314,6 +315,7 @@ def _candidates(count: int) -> Iterator[_Order | _Axes]:
 
 
 def _changed(tangents: Floats, change: _Order | _Axes) -> Floats:
+    """Tangents (N, 2) of the lights in another order or in other axes."""
     if isinstance(change, str):
         return np.asarray(tangents @ _WRONG_AXES[change])
     return tangents[list(change)]

@@ -33,7 +33,7 @@ def solve_drbohlav(problem: Problem) -> Maps:
         part = maps.rows(first, last)
         _drop_inconsistent(
             *stack.float_rows(first, last), *padded, problem.saturation,
-            problem.variance, problem.frames, least_bz, limits, weights,
+            problem.noise_coefficients, problem.frames, least_bz, limits, weights,
             problem.dark_albedo, part.p, part.q, part.albedo, part.valid, part.dark_counts,
             part.left_out, part.highlights,
         )  # fmt: skip

@@ -25,11 +25,11 @@ _SAMPLES = 16_384
 _PAIRS = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 _FIRST, _SECOND = np.ascontiguousarray(np.transpose(_PAIRS))
 # Tables by the bits of the dark lights: index of the pair of the two others, and the first dark
-# light. Entry 0, no dark light, is not used.
+# light, that of the lowest bit. Entry 0, no dark light, is not used.
 _PAIR_OF_DARK = np.full(16, NO_LINE)
 for _index, (_j, _k) in enumerate(_PAIRS):
     _PAIR_OF_DARK[_LIGHTS ^ (1 << _j | 1 << _k)] = _index
-_FIRST_DARK = np.array([3, *(int(b & -b).bit_length() - 1 for b in range(1, 16))], np.uint8)
+_FIRST_DARK = np.array([3, *((bits & -bits).bit_length() - 1 for bits in range(1, 16))], np.uint8)
 
 
 def in_fill(problem: Problem, maps: Maps) -> None:

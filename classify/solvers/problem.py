@@ -93,7 +93,7 @@ class Problem:
         return noise_of_sensor(self.sensor_noise, self.stack.ambient, self.gains)
 
     @cached_property
-    def variance(self) -> FloatMap:
+    def noise_coefficients(self) -> FloatMap:
         """(3,) a, b and black of the variance a + b (value - black) of a pixel value."""
         if self.sensor_noise is not None:
             return self.sensor_noise.coefficients()

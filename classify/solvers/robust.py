@@ -53,7 +53,7 @@ def solve_ps4_robust(problem: Problem) -> Maps:
     lit = LitSamples.of(*samples, float(problem.saturation))
     balanced, lighting, corrections = problem, problem.lighting, np.ones(4, np.float32)
     if not levels_known:
-        corrections = level_corrections(lit, problem.gains, problem.variance, lighting)
+        corrections = level_corrections(lit, problem.gains, problem.noise_coefficients, lighting)
         lighting = replace(lighting, intensities=1 / corrections)
         # With equal lights `problem` serves: a new one would estimate the same noise again.
         if np.any(corrections != 1.0):
@@ -68,8 +68,8 @@ def solve_ps4_robust(problem: Problem) -> Maps:
     def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:
         _solve_rows(
             first, last, stack.images, stack.dark_rows, balanced.gains, problem.saturation,
-            problem.variance, problem.frames, spread, least_bz, pinv, correction_columns, null,
-            balanced.dark_albedo, maps.p, maps.q, maps.albedo, maps.valid, maps.dark_counts,
+            problem.noise_coefficients, problem.frames, spread, least_bz, pinv, correction_columns,
+            null, balanced.dark_albedo, maps.p, maps.q, maps.albedo, maps.valid, maps.dark_counts,
             maps.left_out, maps.highlights, maps.unlit,
         )  # fmt: skip
 

@@ -169,5 +169,5 @@ def photometric_stereo(
         noise_given=noise is not None,
     )
     if uncertainty:
-        surface = with_deviations(surface, stack, undivided, problem.variance)
+        surface = with_deviations(surface, stack, undivided, problem.noise_coefficients)
     return surface if mask is None else surface.within(mask)
