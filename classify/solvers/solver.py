@@ -111,30 +111,23 @@ def photometric_stereo(
     if chosen not in SOLVERS:
         raise InputError(f"unknown method {chosen!r}; choose one of {', '.join(SOLVERS)}")
     stack = ImageStack.checked(images, len(lighting), ambient)
-    if full_scale is not None and not 0.0 < full_scale < np.inf:
-        raise InputError(f"full_scale is {full_scale}; it must be a positive pixel value")
-    divisors = (full_scale or 1.0) * lighting.intensities
-    for light, divisor in enumerate(divisors):
-        if not _SMALLEST_DIVISOR <= divisor <= _LARGEST_DIVISOR:
-            raise InputError(
-                f"full_scale times the intensity of light {light} is {divisor:g}; give values "
-                f"from {_SMALLEST_DIVISOR:g} to {_LARGEST_DIVISOR:g}"
-            )
+    _check_divisors(full_scale, lighting)
     if mask is not None and mask.shape != stack.shape:
         raise InputError(f"the mask has shape {mask.shape}, the images {stack.shape}")
     undivided = stack
     solver_lighting, divided_by = lighting, None
     unit_lighting = replace(lighting, intensities=np.ones(len(lighting)))
     saturation = np.float32(np.inf if full_scale is None else full_scale)
+    sheet = flat_field
     if flat_field is not None:
-        divided_by = flat_field.without_cosines(lighting)
         solver_lighting = unit_lighting  # the flat field contains the intensities
     elif lighting.positions_px is not None:
-        divided_by = sheet_of(unit_lighting, stack.shape, lobe_exponent).without_cosines(lighting)
-    if divided_by is not None:
+        sheet = sheet_of(unit_lighting, stack.shape, lobe_exponent)
+    if sheet is not None:
+        divided_by = sheet.without_cosines(lighting)
         stack = DividedStack(stack.images, stack.ambient, divided_by, full_scale)
         saturation = divided_by.saturation(float(saturation))
-    # For a planar part the images are divided before the fall-off is fitted to them.
+    # The images of a planar part are divided before the fall-off is fitted to them.
     fitted_fall_off, image_saturation = None, float(saturation)
     if planar:
         stack, divided_by = stack.materialised(), None
@@ -171,3 +164,14 @@ def photometric_stereo(
     if uncertainty:
         surface = with_deviations(surface, stack, undivided, problem.noise_coefficients)
     return surface if mask is None else surface.within(mask)
+
+
+def _check_divisors(full_scale: float | None, lighting: Lighting) -> None:
+    if full_scale is not None and not 0.0 < full_scale < np.inf:
+        raise InputError(f"full_scale is {full_scale}; it must be a positive pixel value")
+    for light, divisor in enumerate((full_scale or 1.0) * lighting.intensities):
+        if not _SMALLEST_DIVISOR <= divisor <= _LARGEST_DIVISOR:
+            raise InputError(
+                f"full_scale times the intensity of light {light} is {divisor:g}; give values "
+                f"from {_SMALLEST_DIVISOR:g} to {_LARGEST_DIVISOR:g}"
+            )
