@@ -64,45 +64,25 @@ def mirror_directions(
     degrees, the reflecting points (N, 3), and doubts.
     """
     rows, columns = sphere.pixels(_USED_RADIUS)
-    top, left = int(rows.min()), int(columns.min())
+    cells = rows - rows.min(), columns - columns.min()
     values = images[:, rows, columns].astype(np.float64)
     dark_images = () if ambient is None else (ambient[rows, columns].astype(np.float64),)
     normals, views = sphere.surface_at(columns, rows)
     reflected = 2.0 * (normals * views).sum(axis=1)[:, None] * normals - views
-    shape = (int(rows.max()) - top + 1, int(columns.max()) - left + 1)
-    cells = rows - top, columns - left
     directions, errors, points, doubts = [], [], [], []
     for light in range(len(values)):
         background = _background([*np.delete(values, light, axis=0), *dark_images], values[light])
-        change = values[light] - background
-        share, threshold = _lit_share(values[light], background, light, cells)
-        is_lit = np.zeros(shape, np.bool_)
-        is_lit[cells] = share > threshold
-        labels = ndimage.label(is_lit, np.ones((3, 3)))[0][cells]
-        highlights = [
-            _Highlight.of(pixels, change, share - threshold, reflected)
-            for number in range(1, int(labels.max()) + 1)
-            for pixels in [np.flatnonzero(labels == number)]
-            if share[pixels].max() >= _MIN_PEAK
-        ]
-        usable = [highlight for highlight in highlights if highlight.direction[2] > _MIN_Z]
-        if not usable:
-            raise CalibrationRejected(
-                f"light image {light}: its brightest reflection is in the rim of the sphere, as of "
-                "a light behind the plane of the part; light it from the camera's side, or leave "
-                "this light out"
-            )
-        usable.sort(key=lambda highlight: -highlight.brightness)
-        brightness, pixels, weights, direction = usable[0]
+        highlights = _highlights(values[light], background, light, cells, reflected)
+        brightness, pixels, weights, direction = highlights[0]
         if pixels.size * 4.0 / sphere.radius_px**2 > _MAX_HIGHLIGHT_SR:
             raise CalibrationRejected(
                 f"light image {light}: the light fills {pixels.size / len(rows):.0%} of the "
                 "sphere; use a smaller lamp or a shorter exposure, and a polished sphere"
             )
-        if len(usable) > 1 and usable[1].brightness > _DOUBTFUL_SHARE * brightness:
+        if len(highlights) > 1 and highlights[1].brightness > _DOUBTFUL_SHARE * brightness:
             doubts.append(
                 f"light image {light} has two reflections that differ from the other light images, "
-                f"with {usable[1].brightness / brightness:.0%} of the light of the brighter "
+                f"with {highlights[1].brightness / brightness:.0%} of the light of the brighter "
                 "one, which was taken"
             )
         normal = direction + weights @ views[pixels] / weights.sum()
@@ -119,6 +99,32 @@ def mirror_directions(
         directions.append(direction)
         points.append(sphere.centre + sphere.radius_px * normal)
     return np.array(directions), np.array(errors), np.array(points), doubts
+
+
+def _highlights(
+    values: Floats,
+    background: Floats,
+    light: int,
+    cells: tuple[Indices, Indices],
+    reflected: Floats,
+) -> list[_Highlight]:
+    """Highlights by lights on the camera's side, the brightest first; at least one."""
+    share, threshold = _lit_share(values, background, light, cells)
+    labels = _labels(share > threshold, cells)
+    regions = [np.flatnonzero(labels == number) for number in range(1, int(labels.max()) + 1)]
+    highlights = [
+        _Highlight.of(pixels, values - background, share - threshold, reflected)
+        for pixels in regions
+        if share[pixels].max() >= _MIN_PEAK
+    ]
+    usable = [highlight for highlight in highlights if highlight.direction[2] > _MIN_Z]
+    if not usable:
+        raise CalibrationRejected(
+            f"light image {light}: its brightest reflection is in the rim of the sphere, as of "
+            "a light behind the plane of the part; light it from the camera's side, or leave "
+            "this light out"
+        )
+    return sorted(usable, key=lambda highlight: -highlight.brightness)
 
 
 def _background(others: Sequence[Floats], values: Floats) -> Floats:
@@ -155,10 +161,15 @@ def _lit_share(
 
 def _connected(core: BoolArray, others: BoolArray, cells: tuple[Indices, Indices]) -> BoolArray:
     """Pixels of `core`, and of `others` that are connected with it."""
-    grid = np.zeros((int(cells[0].max()) + 1, int(cells[1].max()) + 1), np.bool_)
-    grid[cells] = core | others
-    labels = ndimage.label(grid, np.ones((3, 3)))[0][cells]
+    labels = _labels(core | others, cells)
     return np.asarray(np.isin(labels, labels[core]))
+
+
+def _labels(is_marked: BoolArray, cells: tuple[Indices, Indices]) -> Indices:
+    """(n,) number of the connected region of each marked cell; 0 for the others."""
+    grid = np.zeros((int(cells[0].max()) + 1, int(cells[1].max()) + 1), np.bool_)
+    grid[cells] = is_marked
+    return np.asarray(ndimage.label(grid, np.ones((3, 3)))[0][cells])
 
 
 # Share of the radius that is used. Near the outline its error changes the normal most: 0.2 px of
