@@ -80,7 +80,8 @@ def is_kernel(function: ast.FunctionDef) -> bool:
 
 def source(path: Path, node: ast.ImportFrom) -> Path:
     root = path.parents[node.level - 1] if node.level else Path(classify.__file__).parents[1]
-    return root.joinpath(*node.module.split(".")).with_suffix(".py")
+    module = root.joinpath(*(node.module or "").split("."))
+    return module / "__init__.py" if module.is_dir() else module.with_suffix(".py")
 
 
 @pytest.mark.slow
