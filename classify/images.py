@@ -33,8 +33,8 @@ class ImageStack:
     @classmethod
     def checked(cls, images: Images, lights: int, ambient: Array | None = None) -> ImageStack:
         """Check images and ambient image, and make them contiguous."""
-        stack = checked_stack(images, lights)
-        return cls(stack, None if ambient is None else checked_ambient(ambient, stack))
+        stack = _checked_stack(images, lights)
+        return cls(stack, None if ambient is None else _checked_ambient(ambient, stack))
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -84,7 +84,7 @@ class ImageStack:
         return images, dark.astype(np.float32)
 
 
-def checked_stack(images: Images, lights: int) -> Array:
+def _checked_stack(images: Images, lights: int) -> Array:
     """(N, H, W) contiguous uint8, uint16 or finite float32, one image per light."""
     if not isinstance(images, np.ndarray):
         if len(images) == 0:
@@ -114,7 +114,7 @@ def checked_stack(images: Images, lights: int) -> Array:
     return np.ascontiguousarray(images)
 
 
-def checked_ambient(ambient: Array, stack: Array) -> Array:
+def _checked_ambient(ambient: Array, stack: Array) -> Array:
     """(H, W) contiguous, of the shape and type of the images of `stack`."""
     if ambient.shape != stack.shape[1:] or ambient.dtype != stack.dtype:
         raise InputError(

@@ -11,8 +11,6 @@ from classify.lighting import Lighting
 # Smallest singular value of three light directions that determines a normal: at 1e-3, noise of a
 # thousandth of the signal makes a slope error of 1.
 _MIN_SINGULAR_VALUE = 1e-3
-# Tilt of the light that each version of PS3 leaves out (thesis section 9.3).
-_PS3_UNUSED_TILT_DEG = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90.0, "ps3d": 180.0}
 
 
 @lru_cache(maxsize=16)
@@ -57,52 +55,8 @@ def require_solvable(lighting: Lighting) -> None:
         )
 
 
-@lru_cache(maxsize=16)
-def least_squares_weights(lighting: Lighting, method: str) -> FloatMap:
-    """(3, N) weights with b = weights i from all lights."""
-    return _pseudo_inverse(lighting.directions, method)
-
-
-def three_of_ring(lighting: Lighting, method: str) -> tuple[FloatMap, int]:
-    """(3, 4) weights of a version of PS3, and the index of the light left out."""
-    if len(lighting) != 4:
-        raise InputError(
-            f"method {method} chooses 3 of 4 lights, this set has {len(lighting)}; "
-            "use least_squares"
-        )
-    unused = lighting.light_nearest_tilt(_PS3_UNUSED_TILT_DEG[method])
-    used = np.arange(4) != unused
-    weights = np.zeros((3, 4), dtype=np.float32)
-    weights[:, used] = _pseudo_inverse(lighting.directions[used], method)
-    return weights, unused
-
-
-def drop_two_inverses(lighting: Lighting) -> FloatMap:
-    """(N, N, 3, 3) inverses of L^T L without lights i and j; NaN if singular."""
-    # Entries [i, i] are the inverse for all lights.
-    L = lighting.directions
-    count = len(L)
-    if count < 5:
-        raise InputError(
-            f"method rushmeier drops 2 of at least 5 lights, this set has {count}; "
-            "use ps4_robust for 4"
-        )
-    outer = L[:, :, None] * L[:, None, :]
-    gram = outer.sum(axis=0) - outer[:, None] - outer[None, :]
-    gram[np.arange(count), np.arange(count)] = outer.sum(axis=0)
-    is_singular = np.linalg.eigvalsh(gram)[..., 0] < _MIN_SINGULAR_VALUE**2
-    if is_singular[~np.eye(count, dtype=bool)].all():
-        raise InputError(
-            "whichever two lights are dropped, the others lie in one plane; rushmeier needs "
-            "lights in general position"
-        )
-    gram[is_singular] = np.eye(3)
-    inverses = np.linalg.inv(gram).astype(np.float32)
-    inverses[is_singular] = np.nan
-    return inverses
-
-
-def _pseudo_inverse(directions: Floats, method: str) -> FloatMap:
+def solvable_pinv(directions: Floats, method: str) -> FloatMap:
+    """(3, N) weights with b = weights i; InputError if the lights determine no normal."""
     singular = np.linalg.svd(directions, compute_uv=False)
     if len(directions) < 3 or singular[-1] < _MIN_SINGULAR_VALUE:
         raise InputError(

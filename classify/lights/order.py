@@ -10,7 +10,7 @@ import numpy as np
 from classify.base.arrays import Array, BoolArray, FloatMap, Floats
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
-from classify.images import Images, checked_ambient, checked_stack
+from classify.images import Images, ImageStack
 from classify.lighting import Lighting
 from classify.shadow_rule import MAYBE_SHADOW
 
@@ -72,15 +72,15 @@ def light_order(
     """
     if len(lighting) != 4:
         raise InputError(f"the order of {len(lighting)} lights cannot be tested; give 4")
-    stack = checked_stack(images, 4)
+    stack = ImageStack.checked(images, 4, ambient)
     opposite = _opposite(lighting)
     if opposite is None:
         return _LightOrder(_ORDERS, None, 0.0)
-    planes: list[Array] = [*stack]
-    if ambient is not None:
-        planes.append(checked_ambient(ambient, stack))
+    planes: list[Array] = [*stack.images]
+    if stack.ambient is not None:
+        planes.append(stack.ambient)
     limit = np.inf if full_scale is None else full_scale
-    usable = stack.max(axis=0) < limit
+    usable = stack.images.max(axis=0) < limit
     intensities = lighting.intensities.astype(np.float32)[:, None, None]
     pinv, null = drop_one_constants(lighting, "light_order")
     orders = np.array(_ORDERS)

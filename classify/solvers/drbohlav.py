@@ -6,7 +6,7 @@ from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
 from classify.base.errors import InputError
 from classify.images import BEYOND_NOISE, ImageStack, chi_squared
-from classify.lights.algebra import least_squares_weights
+from classify.lights.algebra import solvable_pinv
 from classify.shadow_rule import DARK, LEAK, NO_DROPPED_LIGHT, SHADOW_FRACTION
 
 from .linear import invert, judge_row, least_determinant, padded_lights, solve_lights
@@ -23,7 +23,7 @@ def solve_drbohlav(problem: Problem) -> Maps:
         raise InputError(
             f"method drbohlav compares at least 4 lights, this set has {count}; use least_squares"
         )
-    weights = least_squares_weights(problem.lighting, "drbohlav")
+    weights = solvable_pinv(problem.lighting.directions, "drbohlav")
     least_bz, limits = noise_floor_factor(weights), residual_limits(count)
     padded = padded_lights(problem)
     dropped, highlights = np.empty(problem.shape, np.uint8), np.empty(problem.shape, np.bool_)

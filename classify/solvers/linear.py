@@ -10,8 +10,9 @@ import numpy as np
 
 from classify.base.arrays import Array
 from classify.base.compiling import kernel
+from classify.base.errors import InputError
 from classify.images import ImageStack
-from classify.lights.algebra import least_squares_weights, three_of_ring
+from classify.lights.algebra import solvable_pinv
 from classify.shadow_rule import (
     MIN_NORMAL_Z,
     MIN_SCALED_Z,
@@ -25,18 +26,30 @@ from .strips import solve_strips
 
 # Smallest eigenvalue of L^T L, the square of the smallest singular value of L, that still
 # determines a normal; the same limit as in `classify.lights.algebra`.
-_MIN_EIGENVALUE = 1e-6
+MIN_EIGENVALUE = 1e-6
+# Tilt of the light that each version of PS3 leaves out (thesis section 9.3).
+_PS3_UNUSED_TILT_DEG = {"ps3a": 270.0, "ps3b": 0.0, "ps3c": 90.0, "ps3d": 180.0}
 
 
 def solve_least_squares(problem: Problem) -> Maps:
     """Least squares of all lights that are not saturated; three lights or more."""
-    weights = least_squares_weights(problem.lighting, "least_squares")
+    weights = solvable_pinv(problem.lighting.directions, "least_squares")
     return _solve(problem, weights, NO_DROPPED_LIGHT)
 
 
 def _solve_three_of_ring(problem: Problem, method: str) -> Maps:
     """One version of PS3: the same three lights of a ring of four at every pixel."""
-    return _solve(problem, *three_of_ring(problem.lighting, method))
+    lighting = problem.lighting
+    if len(lighting) != 4:
+        raise InputError(
+            f"method {method} chooses 3 of 4 lights, this set has {len(lighting)}; "
+            "use least_squares"
+        )
+    unused = lighting.light_nearest_tilt(_PS3_UNUSED_TILT_DEG[method])
+    used = np.arange(4) != unused
+    weights = np.zeros((3, 4), np.float32)
+    weights[:, used] = solvable_pinv(lighting.directions[used], method)
+    return _solve(problem, weights, unused)
 
 
 solve_ps3a = partial(_solve_three_of_ring, method="ps3a")
@@ -256,7 +269,7 @@ def invert(
 def least_determinant(trace: float) -> float:
     """Least determinant of L^T L that determines a normal; its trace is the number of lights."""
     # The product of the two larger eigenvalues is at most a quarter of the squared trace.
-    return 0.25 * _MIN_EIGENVALUE * trace * trace
+    return 0.25 * MIN_EIGENVALUE * trace * trace
 
 
 @kernel

@@ -2,21 +2,23 @@
 
 import numpy as np
 
-from classify.base.arrays import Array
+from classify.base.arrays import Array, FloatMap
 from classify.base.compiling import kernel
+from classify.base.errors import InputError
 from classify.images import ImageStack
-from classify.lights.algebra import drop_two_inverses, least_squares_weights
+from classify.lighting import Lighting
+from classify.lights.algebra import solvable_pinv
 from classify.shadow_rule import NO_DROPPED_LIGHT
 
-from .linear import judge_row, padded_lights, solve_lights
+from .linear import MIN_EIGENVALUE, judge_row, padded_lights, solve_lights
 from .problem import Maps, Problem
 from .strips import solve_strips
 
 
 def solve_rushmeier(problem: Problem) -> Maps:
     """Least squares without the lowest and highest of five or more values (Rushmeier 1997)."""
-    inverses = drop_two_inverses(problem.lighting)
-    floor = problem.noise_floor(least_squares_weights(problem.lighting, "rushmeier"))
+    inverses = _drop_two_inverses(problem.lighting)
+    floor = problem.noise_floor(solvable_pinv(problem.lighting.directions, "rushmeier"))
     padded, dropped = padded_lights(problem), np.empty(problem.shape, np.uint8)
     maps = problem.new_maps(left_out=dropped)
 
@@ -30,6 +32,31 @@ def solve_rushmeier(problem: Problem) -> Maps:
 
     solve_strips(problem, maps, solve)
     return maps
+
+
+def _drop_two_inverses(lighting: Lighting) -> FloatMap:
+    """(N, N, 3, 3) inverses of L^T L without lights i and j; NaN if singular."""
+    # Entries [i, i] are the inverse for all lights.
+    L = lighting.directions
+    count = len(L)
+    if count < 5:
+        raise InputError(
+            f"method rushmeier drops 2 of at least 5 lights, this set has {count}; "
+            "use ps4_robust for 4"
+        )
+    outer = L[:, :, None] * L[:, None, :]
+    gram = outer.sum(axis=0) - outer[:, None] - outer[None, :]
+    gram[np.arange(count), np.arange(count)] = outer.sum(axis=0)
+    is_singular = np.linalg.eigvalsh(gram)[..., 0] < MIN_EIGENVALUE
+    if is_singular[~np.eye(count, dtype=bool)].all():
+        raise InputError(
+            "whichever two lights are dropped, the others lie in one plane; rushmeier needs "
+            "lights in general position"
+        )
+    gram[is_singular] = np.eye(3)
+    inverses = np.linalg.inv(gram).astype(np.float32)
+    inverses[is_singular] = np.nan
+    return inverses
 
 
 @kernel
