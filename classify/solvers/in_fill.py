@@ -16,9 +16,7 @@ from classify.lighting import Lighting
 
 from .problem import Maps, Problem
 from .relaxation import grow, neighbour_weights, relax
-from .unsolved import LOST, NO_LINE, NOT_REACHED, SATURATED, Unsolved, link
-
-_LIGHTS = np.uint8(15)  # the bits of `LOST` and `SATURATED` that are lights
+from .unsolved import LIGHTS, LOST, NO_LINE, NOT_REACHED, SATURATED, Unsolved, link
 
 # Number of blocks of 2 x 2 pixels from which the smoothness of the surface is estimated.
 _SAMPLES = 16_384
@@ -28,7 +26,7 @@ _FIRST, _SECOND = np.ascontiguousarray(np.transpose(_PAIRS))
 # light, that of the lowest bit. Entry 0, no dark light, is not used.
 _PAIR_OF_DARK = np.full(16, NO_LINE)
 for _index, (_j, _k) in enumerate(_PAIRS):
-    _PAIR_OF_DARK[_LIGHTS ^ (1 << _j | 1 << _k)] = _index
+    _PAIR_OF_DARK[LIGHTS ^ (1 << _j | 1 << _k)] = _index
 _FIRST_DARK = np.array([3, *((bits & -bits).bit_length() - 1 for bits in range(1, 16))], np.uint8)
 
 
@@ -67,8 +65,8 @@ def _choose_lines(
     for n in range(len(bits)):
         # A dark pixel has no usable light (see `problem._DARK`).
         if (values[0, n] + values[1, n]) + (values[2, n] + values[3, n]) < 4.0 * dark_level:
-            bits[n] |= _LIGHTS
-        pair = _PAIR_OF_DARK[bits[n] & _LIGHTS]
+            bits[n] |= LIGHTS
+        pair = _PAIR_OF_DARK[bits[n] & LIGHTS]
         pairs[n] = pair
         lines[n] = np.float32(0.0)
         if pair < NO_LINE:
@@ -87,7 +85,7 @@ def _write(
         m = pixels[n]
         p[m], q[m] = values[n, 0], values[n, 1]
         if layers[n] != NOT_REACHED:
-            dark = bits[n] & _LIGHTS
+            dark = bits[n] & LIGHTS
             albedo[m] = values[n, 2]
             repaired[m] = True
             valid[m] = (_PAIR_OF_DARK[dark] < NO_LINE) & (bits[n] & SATURATED == 0)

@@ -133,7 +133,7 @@ class Problem:
         p, q, albedo = (np.empty(self.shape, np.float32) for _ in range(3))
         valid, dark_counts = np.empty(self.shape, np.bool_), np.empty(self.shape[0], np.int32)
         if repaired is None:
-            repaired = all_false(self.shape)
+            repaired = np.broadcast_to(np.False_, self.shape)
         return Maps(
             p, q, albedo, valid, dark_counts, left_out, highlights, repaired, unlit, self.lighting
         )
@@ -141,11 +141,6 @@ class Problem:
     def noise_floor(self, weights: Array) -> np.float32:
         """Least b_z^2 / rho of a valid slope, for b = weights i."""
         return np.float32(self.sigma) * noise_floor_factor(weights)
-
-
-def all_false(shape: tuple[int, int]) -> BoolArray:
-    """(H, W) False in one byte of memory."""
-    return np.broadcast_to(np.False_, shape)
 
 
 def _median(values: FloatMap) -> FloatMap:

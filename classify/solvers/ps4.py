@@ -8,7 +8,7 @@ from classify.images import ImageStack
 from classify.lights.algebra import drop_one_constants
 from classify.shadow_rule import MIN_NORMAL_Z, MIN_SCALED_Z, SHADOW_FLOOR, SHADOW_FRACTION
 
-from .problem import Maps, Problem, all_false
+from .problem import Maps, Problem
 from .strips import solve_strips
 
 # A light counts as shadowed up to this value, relative to the albedo: see classify/shadow_rule.py.
@@ -26,7 +26,7 @@ def solve_ps4(problem: Problem) -> Maps:
     gains, albedo_gain = problem.gains, np.float32(1.0)
     if np.ptp(gains) == 0.0:
         gains, albedo_gain = np.ones_like(gains), gains[0]
-    maps = problem.new_maps(highlights=all_false(problem.shape))
+    maps = problem.new_maps(highlights=np.broadcast_to(np.False_, problem.shape))
     null = null.astype(np.float32)
 
     def solve(stack: ImageStack, maps: Maps, first: int, last: int) -> None:

@@ -26,10 +26,7 @@ from classify.shadow_rule import (
 from .in_fill import in_fill
 from .problem import Maps, Problem, noise_floor_factor
 from .strips import correct_for_near_lights, solve_strips
-from .unsolved import LOST, SATURATED
-
-# The bits of all four lights.
-_NONE_LIT = np.uint8(15)
+from .unsolved import LIGHTS, LOST, SATURATED
 
 # A residual of more standard deviations is not attributed to noise.
 _GATE = np.float32(3.0)
@@ -203,7 +200,7 @@ def _solve_rows(
             bits |= SATURATED if saturated else np.uint8(0)
             bits = bits if out_count > one else np.uint8(0)
             black_pixel = (v0 <= dark0) & (v1 <= dark1) & (v2 <= dark2) & (v3 <= dark3)
-            bits = _NONE_LIT if black_pixel else bits
+            bits = LIGHTS if black_pixel else bits
             unlit[r, c] = bits
         dark_count = 0
         for c in range(columns):
@@ -217,7 +214,7 @@ def _solve_rows(
             albedo[r, c] = rho
             dark_count += rho < dark_albedo
             bits = unlit[r, c]
-            is_lost = (bits & _NONE_LIT == 0) & (not visible)
+            is_lost = (bits & LIGHTS == 0) & (not visible)
             bits |= LOST if is_lost else np.uint8(0)
             unlit[r, c] = bits
             valid[r, c] = bits == 0

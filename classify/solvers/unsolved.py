@@ -10,9 +10,9 @@ from classify.base.arrays import Array
 from classify.base.compiling import kernel
 from classify.base.threads import run_on_rows
 
-# Bits of `Maps.unlit`, beside the four lowest, which are the lights in shadow or saturated.
-# LOST: noise makes the slope too uncertain. SATURATED: one of those lights is saturated.
-LOST, SATURATED = np.uint8(16), np.uint8(32)
+# Bits of `Maps.unlit`. LIGHTS: those of the four lights, set if in shadow or saturated. LOST: noise
+# makes the slope too uncertain. SATURATED: one of those lights is saturated.
+LIGHTS, LOST, SATURATED = np.uint8(15), np.uint8(16), np.uint8(32)
 # Value of `Unsolved.layers` of a pixel in no layer yet.
 NOT_REACHED = np.uint8(255)
 # Values of `Unsolved.pairs` without a pair of lights: fewer than two lights, or a pixel that keeps
