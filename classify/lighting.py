@@ -141,16 +141,15 @@ class Lighting:
         return len(self.directions)
 
     def __eq__(self, other: object) -> bool:
-        return (
-            isinstance(other, Lighting)
-            and np.array_equal(self.directions, other.directions)
-            and np.array_equal(self.intensities, other.intensities)
-            and _bytes(self.positions_px) == _bytes(other.positions_px)
-        )
+        return isinstance(other, Lighting) and self._bytes == other._bytes
 
     def __hash__(self) -> int:
+        return hash(self._bytes)
+
+    @property
+    def _bytes(self) -> tuple[bytes, ...]:
         arrays = self.directions, self.intensities, self.positions_px
-        return hash(tuple(map(_bytes, arrays)))
+        return tuple(b"" if array is None else array.tobytes() for array in arrays)
 
     @property
     def tilts_deg(self) -> Floats:
@@ -249,10 +248,6 @@ def _positions(positions_px: npt.ArrayLike, directions: Floats) -> tuple[Floats,
         )
     positions.flags.writeable = False
     return positions, exact
-
-
-def _bytes(array: Floats | None) -> bytes:
-    return b"" if array is None else array.tobytes()
 
 
 def _rounded(degrees: Floats) -> Floats:

@@ -76,15 +76,11 @@ def temporary_path(
         cause = error.strerror or f"{error}; is the disk full?"
         raise InputError(f"{path}: cannot be written: {cause}") from error
     finally:
-        with suppress(OSError):
-            _remove(temporary)
-
-
-def _remove(path: Path) -> None:
-    if path.is_dir():
-        shutil.rmtree(path, ignore_errors=True)
-    else:
-        path.unlink(missing_ok=True)
+        if is_folder:
+            shutil.rmtree(temporary, ignore_errors=True)
+        else:
+            with suppress(OSError):
+                temporary.unlink()
 
 
 def sync(path: Path) -> None:
