@@ -60,11 +60,13 @@ def fit_led_positions(ratios: Floats, weights: Floats, x: Floats, y: Floats) -> 
     used = pooled > 0.0
     total = np.where(used, pooled, 1.0)
     columns, rows = np.meshgrid(x, y)
-    x, y = (block_sums(axis * weights, size)[used] / total[used] for axis in (columns, rows))
+    block_x, block_y = (
+        block_sums(axis * weights, size)[used] / total[used] for axis in (columns, rows)
+    )
     data = block_sums(ratios * weights, size)[:, used] / total[used]
     root_weights = np.sqrt(pooled[used] / pooled.max())
     aims: tuple[Aim, ...] = ("centre", "down")
-    models = [_Model(x, y, data, root_weights, aim) for aim in aims]
+    models = [_Model(block_x, block_y, data, root_weights, aim) for aim in aims]
     fits = [(model.fitted(start), model) for model in models for start in model.starts()]
     solution, model = min(fits, key=lambda fit: fit[0].cost)
     v, exponent = solution.x[: 3 * len(data)].reshape(-1, 3), float(solution.x[-1])

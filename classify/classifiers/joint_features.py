@@ -130,10 +130,11 @@ def spectral_series(polar: FloatMap, parameters: Parameters) -> Complex:
 def contrasts(polar: FloatMap, parameters: Parameters) -> FloatMap:
     """(..., 3) contrasts of (..., 3, R, A) densities: weighted sums over all rings."""
     weights = _root_weights(parameters)
-    return _contrasts(_weighted_channels(polar, parameters, weights), weights)
+    return _weighted_sums(_weighted_channels(polar, parameters, weights), weights)
 
 
-def _contrasts(channels: FloatMap, weights: FloatMap) -> FloatMap:
+def _weighted_sums(channels: FloatMap, weights: FloatMap) -> FloatMap:
+    """(..., 3) sums of weighted channels over rings and angles."""
     sums = np.einsum("cr,...cra->...c", _unit_weights(weights), channels)
     return np.asarray(sums / np.float32(np.sqrt(channels.shape[-1])), np.float32)
 
@@ -143,7 +144,7 @@ def _channels(polar: FloatMap, parameters: Parameters) -> FloatMap:
     weights = _root_weights(parameters)
     channels = _weighted_channels(polar, parameters, weights)
     factors = (parameters[CONTRAST_GAINS] - 1.0) / np.sqrt(polar.shape[-1])
-    changes = factors.astype(np.float32) * _contrasts(channels, weights)
+    changes = factors.astype(np.float32) * _weighted_sums(channels, weights)
     channels += (changes[..., None] * _unit_weights(weights))[..., None]
     return channels.reshape(*polar.shape[:-3], SERIES, polar.shape[-1])
 

@@ -147,8 +147,7 @@ class DividedStack(ImageStack):
         return coefficients, bounds, *axes, np.float32(saturation), field.saturation(saturation)
 
 
-_Float = np.float32
-_Row = tuple[_Float, _Float, _Float, _Float, _Float, _Float, _Float]
+_Row = tuple[np.float32, ...]  # coefficients of seven powers of x
 
 
 @kernel

@@ -17,7 +17,6 @@ from classify.shadow_rule import MAYBE_SHADOW
 from .algebra import drop_one_constants
 
 Order = tuple[int, ...]
-_Combine = Callable[[Array, Array], Array]
 
 _ORDERS: tuple[Order, ...] = tuple(itertools.permutations(range(4)))
 _GIVEN_ORDER = _ORDERS[0]
@@ -142,7 +141,7 @@ def _mean_of_four(plane: Array, half: FloatMap) -> None:
             half[r, c] = share * (row_means[2 * c] + row_means[2 * c + 1])
 
 
-def _halved(plane: Array, combine: _Combine) -> Array:
+def _halved(plane: Array, combine: Callable[[Array, Array], Array]) -> Array:
     """Half of the rows and columns, symmetric about the middle; an odd number combines three."""
     for _ in range(2):
         if len(plane) % 2 == 0:

@@ -85,7 +85,8 @@ def _summed_powers(planes: tuple[Array, ...], window: FloatMap, pairs: Sequence[
         _cut(planes, corners, window, window_sum, slopes, albedo)
         for plane in (*slopes[: len(corners)], albedo):
             cv2.dft(plane, plane)
-        _add_powers(*(_as_complex(plane) for plane in (slopes[: len(corners)], albedo)), sums)
+        spectra = slopes[: len(corners)], albedo
+        _add_powers(*(parts.view(np.complex64)[..., 0] for parts in spectra), sums)
     return sums
 
 
@@ -161,11 +162,6 @@ def _add_powers(slopes: Array, albedo: Array, sums: Array) -> None:
         for n in range(len(slopes)):
             _read_row_pair(slopes[n, r], slopes[n, opposite], slope_parts)
             _add_row(slope_parts, albedo_spectra[n], sums[r])
-
-
-def _as_complex(plane: FloatMap) -> Array:
-    """(...) complex values of (..., 2) real and imaginary parts."""
-    return plane.view(np.complex64)[..., 0]
 
 
 @kernel
