@@ -25,6 +25,7 @@ from classify.calibration.flat_field import PlateBlocks, fit_flat_field
 from classify.images import ImageStack
 from rig import Rig, RigConfig, open_rig
 from rig.set_file import pixels_sha256
+from tests.led_outputs import settled_outputs
 
 _LOG = logging.getLogger(__name__)
 # All commands are built anew for each call otherwise, which takes longer than most of them run.
@@ -72,11 +73,9 @@ def rig(small_config: RigConfig) -> Iterator[Rig]:
 
 
 def _led_outputs(rig: Rig) -> list[float]:
-    """Return the levels of the simulated LEDs after they have settled, also of a closed rig."""
+    """The light of the simulated LEDs, also of a closed rig."""
     assert rig.simulation is not None
-    rig.clock.sleep_s(0.01)
-    now_s = rig.clock.now_s()
-    return [round(rig.simulation.board.output(led, now_s), 6) for led in range(4)]
+    return settled_outputs(rig.clock, rig.simulation.board)
 
 
 @pytest.fixture(scope="session")

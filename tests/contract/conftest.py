@@ -21,6 +21,7 @@ from firmware_sim import (
 from rig import Rig, RigConfig, open_rig
 from rig.lights.driver import LightController
 from tests.gige_rig import rig_of_genicam
+from tests.led_outputs import settled_outputs
 
 from .live_film import rig_of_opencv
 
@@ -37,9 +38,7 @@ class LightsUnderTest:
         return LightController(self.server.address, clock=self.clock, **options)
 
     def lit(self) -> list[int]:
-        self.clock.sleep_s(0.02)
-        now_s = self.clock.now_s()
-        return [led for led in range(4) if self.board.output(led, now_s) > 1e-6]
+        return [led for led, share in enumerate(settled_outputs(self.clock, self.board)) if share]
 
 
 _CONTROLLERS: dict[str, tuple[type[VirtualClock | RealClock], Callable[..., Server], bool]] = {

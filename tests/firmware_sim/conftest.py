@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import pytest
 
 from firmware_sim import SimulatedBoard, SimulatedController, VirtualClock
+from tests.led_outputs import settled_outputs
 
 
 @dataclass(frozen=True)
@@ -32,10 +33,7 @@ class Device:
         self.board.see_part(self.clock.now_s())
 
     def lit(self) -> list[float]:
-        """The output of each LED, once it has settled."""
-        self.clock.sleep_s(0.05)
-        now_s = self.clock.now_s()
-        return [round(self.board.output(led, now_s), 9) for led in range(self.board.led_count)]
+        return settled_outputs(self.clock, self.board)
 
 
 def _new_device(max_on_ms: int = 120_000, **options: object) -> Device:

@@ -13,6 +13,7 @@ import pytest
 
 from firmware_sim import Server, SimulatedBoard, SimulatedController, VirtualClock, serve_pty
 from rig import RigConfig, load_config
+from tests.led_outputs import settled_outputs
 
 Tamper = Callable[[str, bytes], Iterable[bytes]]
 
@@ -31,10 +32,7 @@ class Bench:
         return self.server.address
 
     def lit(self) -> list[float]:
-        """The output of each LED after it has settled."""
-        self.clock.sleep_s(0.05)
-        now_s = self.clock.now_s()
-        return [round(self.board.output(led, now_s), 6) for led in range(self.board.led_count)]
+        return settled_outputs(self.clock, self.board)
 
 
 @pytest.fixture

@@ -19,6 +19,7 @@ from rig import (
 )
 from rig.lights.driver import LightController
 from rig.scene.material_folder import bundled_materials
+from tests.led_outputs import settled_outputs
 
 SMALL = RigConfig().with_changes(camera={"width_px": 64, "height_px": 48})
 
@@ -31,9 +32,7 @@ def rig() -> Iterator[Rig]:
 
 def outputs(rig: Rig) -> list[float]:
     assert rig.simulation is not None
-    rig.clock.sleep_s(0.05)
-    now_s = rig.clock.now_s()
-    return [round(rig.simulation.board.output(led, now_s), 6) for led in range(4)]
+    return settled_outputs(rig.clock, rig.simulation.board)
 
 
 def test_sim_is_the_simulated_rig() -> None:

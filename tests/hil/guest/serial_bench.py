@@ -13,6 +13,7 @@ from rig import LightControllerError
 from rig.config.lights import LightsConfig
 from rig.lights.discovery import find_controller, known_port, list_serial_ports, ports_to_try
 from rig.lights.driver import LightController
+from tests.led_outputs import settled_outputs
 
 T = TypeVar("T")
 
@@ -116,9 +117,7 @@ class SerialController:
         )
 
     def lit(self) -> list[int]:
-        self.clock.sleep_s(0.02)
-        now_s = self.clock.now_s()
-        return [led for led in range(4) if self.board.output(led, now_s) > 1e-6]
+        return [led for led, share in enumerate(settled_outputs(self.clock, self.board)) if share]
 
 
 @contextmanager

@@ -43,23 +43,19 @@ class Setup:
 
 
 def setup(
-    clock: Clock | None = None,
     *,
-    bits: int = 12,
-    rate_hz: float = 30.0,
-    exposure_ms: float = 20.0,
     seed: int = 1,
     readout_ms: float = 0.0,
 ) -> Setup:
-    clock = clock or VirtualClock()
+    clock = VirtualClock()
     board = SimulatedBoard(clock)
-    sensor = SensorModel(bit_depth=bits)
+    sensor = SensorModel(bit_depth=12)
     camera = SimulatedCamera(
         board,
         clock,
         flat_scene(),
         sensor,
-        FreeRunning(clock, Shutter(1.0 / rate_hz, exposure_ms / 1e3, readout_ms / 1e3)),
+        FreeRunning(clock, Shutter(1.0 / 30.0, 0.02, readout_ms / 1e3)),
         seed=seed,
     )
     return Setup(clock, board, sensor, camera)
@@ -157,16 +153,10 @@ def test_frames_in_the_queue_show_the_earlier_part() -> None:
 # pixels
 
 
-@pytest.mark.parametrize("bits", [8, 10, 12, 16])
-def test_frames_have_the_bit_depth_and_the_info_the_noise_of_the_sensor(bits: int) -> None:
-    rig = setup(bits=bits)
-    frame = rig.camera.read(1.0)
-    info = rig.camera.info
-    assert frame.bit_depth == info.bit_depth == bits
-    assert frame.pixels.shape == (info.height_px, info.width_px) == SHAPE
-    assert frame.pixels.dtype == (np.uint8 if bits == 8 else np.uint16)
+def test_the_info_states_the_noise_of_the_sensor() -> None:
+    rig = setup()
     for name in ("gain_e_per_dn", "read_noise_dn", "black_level_dn"):
-        assert getattr(info, name) == getattr(rig.sensor, name)
+        assert getattr(rig.camera.info, name) == getattr(rig.sensor, name)
 
 
 def test_frames_depend_on_the_seed_only() -> None:
