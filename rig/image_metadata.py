@@ -104,6 +104,7 @@ def _contents(blobs: Iterable[bytes]) -> tuple[list[Mapping[Any, Any]], list[byt
 def _metadata(
     directories: Sequence[Mapping[Any, Any]], packets: Sequence[bytes], responses: Sequence[str]
 ) -> ImageMetadata:
+    """Merge all statements: different orientations are an error, the first response counts."""
     fields = [("Orientation", ifd.get("Orientation", 0)) for ifd in directories]
     fields += [("ColorSpace", ifd["ColorSpace"]) for ifd in directories if "ColorSpace" in ifd]
     for packet in packets:

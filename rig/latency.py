@@ -61,6 +61,7 @@ class _Evaluation:
 
     def wait_s(self, phase: float, now_s: float, reported_s: float) -> float:
         """Time until a command switches at `phase`, 0 to 1, of a coming exposure."""
+        # Phases reach from a margin before the first row's exposure to one after the last row's.
         aim_s = ((1.0 + 2.0 * _AIM_MARGIN) * phase - _AIM_MARGIN) * (
             self.steps.exposure_s + self.fit.readout_s
         )
@@ -291,6 +292,7 @@ def _camera_keys(
 def _complete_change(
     is_complete: BoolArray, delays_s: Floats, step_numbers: Indices
 ) -> _CompleteChange:
+    """Find the first complete frame of each step, from (F,) completeness of one row."""
     complete_s, frames_before = [], []
     for number in np.unique(step_numbers):
         frames = np.flatnonzero(step_numbers == number)

@@ -94,6 +94,7 @@ def _from_black_to_white(
 
 
 def _numbers(page: Any, tag: int, *default: float) -> FloatMap:
+    """Values of a tag; a rational is stored as numerator and denominator."""
     entry = page.tags.get(tag)
     numbers = np.ravel(default if entry is None else entry.value).astype(np.float32)
     is_rational = entry is not None and entry.dtype in _RATIONALS
@@ -101,6 +102,7 @@ def _numbers(page: Any, tag: int, *default: float) -> FloatMap:
 
 
 def _opcodes(content: bytes) -> Iterator[int]:
+    """Numbers of the opcodes in a list of corrections, whose parameters are skipped."""
     start = 4  # after the number of opcodes
     while len(content) >= start + 16:
         opcode, _version, _flags, parameter_bytes = struct.unpack_from(">4I", content, start)

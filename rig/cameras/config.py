@@ -36,7 +36,7 @@ class CameraConfig(Section):
 
     @property
     def recording(self) -> Path | None:
-        """The captured set that the camera replays."""
+        """The captured set that the camera replays; None for other cameras."""
         return None
 
     @property

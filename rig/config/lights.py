@@ -96,11 +96,6 @@ class LightsConfig(Section):
             )
         return self
 
-    @property
-    def lighting(self) -> Lighting:
-        """Directions and relative intensities of the lights."""
-        return _lighting(self.tilts_deg, self.slant_deg, self.intensities)
-
     @model_validator(mode="after")
     def _one_intensity_each(self) -> Self:
         if len(self.intensities) not in (0, len(self.tilts_deg)):
@@ -108,6 +103,11 @@ class LightsConfig(Section):
                 f"{len(self.intensities)} intensities for {len(self.tilts_deg)} LEDs; give one each"
             )
         return self
+
+    @property
+    def lighting(self) -> Lighting:
+        """Directions and relative intensities of the lights."""
+        return _lighting(self.tilts_deg, self.slant_deg, self.intensities)
 
 
 @lru_cache(maxsize=16)  # a capture needs it a dozen times

@@ -82,11 +82,11 @@ class RigConfig(Section):
                 f"simulation.readout_ms = {simulation.readout_ms:g} does not fit into a frame at "
                 f"{camera.frame_rate_hz:g} Hz; lower one of them"
             )
-        faults = () if simulation.faults is None else simulation.faults.leds
-        for led in (led for fault in faults for led in (fault.led, fault.other)):
-            if led is not None and led >= count:
+        for fault in () if simulation.faults is None else simulation.faults.leds:
+            highest = fault.led if fault.other is None else max(fault.led, fault.other)
+            if highest >= count:
                 yield (
-                    f"simulation.faults: there is no LED {led}; give one of the {count} in "
+                    f"simulation.faults: there is no LED {highest}; give one of the {count} in "
                     "lights.tilts_deg, counted from 0"
                 )
         if len(simulation.led_levels) not in (0, count):

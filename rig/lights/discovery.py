@@ -103,6 +103,7 @@ def identify(
 def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask = identify) -> str:
     """Find the controller for ``lights.port = "auto"``, as rig/README.md describes."""
     serial_number = lights.serial_number
+    # A serial number of USB selects among all ports; only boards of known makers are asked for one.
     if lights.usb_id is None:
         selected, candidates = ports, [port for port in ports if port.may_be_a_microcontroller]
     else:

@@ -57,11 +57,15 @@ def target_named(
     if name == "lens_cap":
         return _Checkerboard(1.0, white=0.0, black=0.0)
     is_board = name == "checkerboard"
-    share = _BOARD_SHARE / (CHECKERBOARD_CORNERS[0] + 1) if is_board else _SPHERE_SHARE
-    default_px = min(field_px) * share
-    default_mm = SQUARE_MM if is_board else _SPHERE_MM
-    size_px = default_px if mm_per_px is None else (size_mm or default_mm) / mm_per_px
-    width_px = (CHECKERBOARD_CORNERS[0] - 1) * size_px if is_board else size_px
+    columns = CHECKERBOARD_CORNERS[0] + 1
+    if mm_per_px is not None:
+        size_px = (size_mm or (SQUARE_MM if is_board else _SPHERE_MM)) / mm_per_px
+    elif is_board:
+        size_px = _BOARD_SHARE * min(field_px) / columns
+    else:
+        size_px = _SPHERE_SHARE * min(field_px)
+    # The corners of a board must be visible, not its outer squares.
+    width_px = (columns - 2) * size_px if is_board else size_px
     if not (width_px < min(field_px) and size_px >= 2.0):
         raise InputError(
             f"surface {name}: {width_px:.0f} px wide in a frame of {field_px[1]} x {field_px[0]} "
