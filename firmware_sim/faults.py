@@ -98,7 +98,7 @@ class LedFault(_FaultModel):
     frequency_hz: float = Field(
         default=50.0, ge=0.001, le=1e5, description="of flicker and unsteady"
     )
-    other: int | None = Field(default=None, description="of swapped")
+    other: int | None = Field(default=None, ge=0, description="of swapped")
     from_s: float = Field(default=0.0, description="on the simulation's clock, which starts at 0")
     until_s: float = Field(default=math.inf, description="no end by default")
 

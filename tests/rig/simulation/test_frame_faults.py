@@ -112,6 +112,7 @@ def test_a_fault_plan_is_a_file_or_part_of_rig_toml(tmp_path: Path) -> None:
         ('[[lines]]\nkind = "lose"\nwen = 1\n', "simulation.faults.lines.0.wen = 1: "),
         ('[[leds]]\nkind = "dim"\nled = 9\n', "there is no LED 9"),
         ('[[leds]]\nkind = "swapped"\nled = 1\n', "other is the LED"),
+        ('[[leds]]\nkind = "swapped"\nled = 1\nother = -1\n', "faults.leds.0.other = -1: "),
         ("[[frames]\n", "plan.toml: not valid TOML"),
         (None, "plan.toml: no such"),
     ],
