@@ -88,7 +88,7 @@ class Defect(Section):
     contrast
         Share by which a stain darkens the albedo; negative for a bright stain.
     surface
-        Texture of a foreign patch; the same names as `surface` of `[simulation.placement]`.
+        Texture of a foreign patch: synthetic texture, bundled material, or material folder.
     """
 
     kind: DefectKind

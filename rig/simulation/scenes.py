@@ -121,6 +121,11 @@ class SceneRenderer:
         if not placement.defects:
             return surface
         names = {defect.surface for defect in placement.defects if defect.surface is not None}
+        for name in names & {*TARGETS}:
+            raise InputError(
+                f"simulation.placement.defects: surface {name!r} is a calibration target; give a "
+                "texture or a material folder"
+            )
         foreign = {name: _load(name, placement.seed, size_px) for name in names}
         return DefectiveSurface(surface, placement.defects, foreign)
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from classify.base.errors import InputError
 from classify.lighting import Lighting
 from rig import Defect, Placement, RigConfig
 from rig.config.simulation import RELIEF_KINDS, DefectKind
@@ -150,6 +151,12 @@ def test_a_placed_part_shows_its_defects_and_its_set_names_them() -> None:
     assert (scene.p != plain.p).mean() > 0.1
     placement = Placement.model_validate_json(Placement(defects=defects).model_dump_json())
     assert placement.defects == defects
+
+
+def test_a_calibration_target_is_no_foreign_texture() -> None:
+    renderer = SceneRenderer(RigConfig().with_changes(camera={"width_px": 32, "height_px": 32}))
+    with pytest.raises(InputError, match=r"defects: surface 'plate' is a calibration target"):
+        renderer.render(Placement(defects=(Defect(kind="foreign", surface="plate"),)))
 
 
 @pytest.mark.parametrize("fields", [{"kind": "foreign"}, {"kind": "dent", "surface": "waves"}])
