@@ -108,27 +108,22 @@ def _is_modem_manager(comm: Path) -> bool:
 _SLOW_SWITCH_MS = 10.0
 
 
-def check_lights(
-    lights: LightController,
-    clock: Clock,
-    config: LightsConfig,
-    firmware_version: str = FIRMWARE_VERSION,
-) -> Iterator[Check]:
+def check_lights(lights: LightController, clock: Clock, config: LightsConfig) -> Iterator[Check]:
     """Check identity, number of LEDs, watchdog and switch time; LEDs are lit and put out again."""
-    yield _identity(lights, firmware_version)
+    yield _identity(lights)
     yield _led_count(lights, config)
     yield _watchdog(lights)
     yield _switch_latency(lights, clock)
 
 
-def _identity(lights: LightController, firmware_version: str) -> Check:
+def _identity(lights: LightController) -> Check:
     controller = lights.identity
     finding = (
         f"{controller.model} {controller.serial_number} on {lights.port}, "
         f"firmware {controller.firmware_version}, protocol {controller.protocol_version}"
     )
-    if controller.firmware_version != firmware_version:
-        finding += f"; this program brings firmware {firmware_version}"
+    if controller.firmware_version != FIRMWARE_VERSION:
+        finding += f"; this program brings firmware {FIRMWARE_VERSION}"
         return Check("light controller", "warning", finding, "ps4rig rig flash")
     return Check("light controller", "ok", finding)
 

@@ -56,7 +56,7 @@ class SerialPort:
         return f"{self.device} ({identity})" if identity else self.device
 
 
-_Ask = Callable[[str], ControllerIdentity]
+_Ask = Callable[[str, int], ControllerIdentity]
 
 
 def list_serial_ports() -> list[SerialPort]:
@@ -118,7 +118,7 @@ def find_controller(lights: LightsConfig, ports: Sequence[SerialPort], ask: _Ask
     rejected: list[str] = []
     for port in candidates:
         try:
-            identity = ask(port.device)
+            identity = ask(port.device, lights.baud)
         except LightControllerError as error:
             rejected.append(str(error))
             continue

@@ -206,13 +206,13 @@ def test_switch_latency_is_measured_on_the_rigs_clock() -> None:
         assert lights.state().led is None
 
 
-def test_old_firmware_is_a_warning(bench: Any) -> None:
+def test_old_firmware_is_a_warning(bench: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rig.doctor.devices.FIRMWARE_VERSION", "99.0")
     with LightController(bench.port, clock=bench.clock) as lights:
         check, count, *_ = check_lights(
             lights,
             bench.clock,
             RigConfig().lights.model_copy(update={"tilts_deg": (0.0,) * 5}),
-            firmware_version="99.0",
         )
     assert (check.status, check.advice) == ("warning", "ps4rig rig flash")
     assert count.status == "fault"

@@ -48,11 +48,11 @@ def silent_port() -> Iterator[tuple[int, SerialPort]]:
     os.close(master)
 
 
-def auto(**keys: str) -> LightsConfig:
+def auto(**keys: object) -> LightsConfig:
     return LightsConfig(port="auto", **keys)  # type: ignore[arg-type]
 
 
-def never_asked(device: str) -> ControllerIdentity:
+def never_asked(device: str, _baud: int) -> ControllerIdentity:
     raise AssertionError(f"{device} was asked for its identity")
 
 
@@ -90,6 +90,19 @@ def test_the_controllers_own_serial_number_selects_it(plug_in: Callable[..., Ser
     assert find_controller(auto(serial_number="B-2"), ports) == ports[1].device
     with pytest.raises(LightControllerError, match=r"C-3 .*controller A-1"):
         find_controller(auto(serial_number="C-3"), ports)
+
+
+def test_ports_are_asked_at_the_configured_speed() -> None:
+    asked: list[tuple[str, int]] = []
+
+    def silent(device: str, baud: int) -> ControllerIdentity:
+        asked.append((device, baud))
+        raise LightControllerError(f"{device}: no answer")
+
+    ports = [SerialPort("/dev/ttyUSB0", PICO), SerialPort("/dev/ttyUSB1", PICO)]
+    with pytest.raises(LightControllerError, match="no light controller"):
+        find_controller(auto(baud=9600), ports, silent)
+    assert asked == [("/dev/ttyUSB0", 9600), ("/dev/ttyUSB1", 9600)]
 
 
 def test_several_controllers_are_an_error_that_names_them_and_the_key(
