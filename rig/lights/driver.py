@@ -34,7 +34,6 @@ class _LightState:
 
     led: int | None
     levels_percent: tuple[int, ...]
-    controller_time_us: int
 
 
 @dataclass(frozen=True)
@@ -292,7 +291,7 @@ class LightController:
         if time_us < self._latest_us:
             raise self._failure("the controller has restarted: its clock went back")
         self._latest_us = time_us
-        return _LightState(None if led == -1 else led, tuple(levels), time_us)
+        return _LightState(None if led == -1 else led, tuple(levels))
 
     def _failure(self, cause: str) -> LightControllerError:
         """The error for a failed exchange, which `recover` has to follow."""
