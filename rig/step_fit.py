@@ -108,22 +108,24 @@ def fit_steps(steps: Steps) -> StepFit:
     )
     offset_s, readout_s = (float(value) for value in solution.x[:2])
     rise_tau_s, fall_tau_s = (math.exp(float(value)) for value in solution.x[2:])
-    offsets = _frame_offsets(steps, offset_s, readout_s, rise_tau_s, fall_tau_s)
+    corrections_s = _frame_corrections_s(steps, offset_s, readout_s, rise_tau_s, fall_tau_s)
     residual = _misfit(steps, solution.x).ravel()
-    if len(offsets):
-        offset_s += float(np.median(offsets))
-        offsets = offsets - np.median(offsets)
+    deviation_s = 0.0
+    if len(corrections_s):
+        median_s = float(np.median(corrections_s))
+        offset_s += median_s
+        deviation_s = float(np.abs(corrections_s - median_s).max() + np.std(corrections_s))
     # The bands of a frame share the error of its stamp: they count as one observation.
     readout_error_s = math.sqrt(len(steps.bands) * _readout_variance_s2(solution.jac, residual))
     return StepFit(
         start_s=offset_s + min(readout_s, 0.0),
-        deviation_s=float(np.abs(offsets).max() + np.std(offsets)) if len(offsets) else 0.0,
+        deviation_s=deviation_s,
         readout_s=abs(readout_s),
         readout_error_s=readout_error_s,
         bottom_up=readout_s < 0.0,
         rise_s=rise_tau_s * _RISE_10_90,
         fall_s=fall_tau_s * _RISE_10_90,
-        caught=len(offsets),
+        caught=len(corrections_s),
         misfit=float(np.sqrt(np.mean(residual**2))),
     )
 
@@ -145,13 +147,14 @@ def _lit_s(steps: Steps, offset_s: float, readout_s: float) -> Floats:
     return starts_s + steps.exposure_s
 
 
-def _frame_offsets(
+def _frame_corrections_s(
     steps: Steps, offset_s: float, readout_s: float, rise_tau_s: float, fall_tau_s: float
 ) -> Floats:
-    """Offset of the start of each frame that contains a step: the median of its bands."""
+    """Correction of D by each frame that contains a step: the median of its bands."""
+    # F is inverted by interpolation in a table.
     table_s = np.linspace(-0.1 * steps.exposure_s, 1.1 * steps.exposure_s, 4001)
     fitted_s = _lit_s(steps, offset_s, readout_s)
-    offsets_s = []
+    corrections_s = []
     for rising, tau_s in ((True, rise_tau_s), (False, fall_tau_s)):
         table_shares = lit_share(table_s, steps.exposure_s, tau_s)
         in_direction = steps.rising == rising
@@ -160,8 +163,8 @@ def _frame_offsets(
             contains_step = (frame_shares > _STEP_SHARES[0]) & (frame_shares < _STEP_SHARES[1])
             if contains_step.any():
                 measured_s = np.interp(frame_shares[contains_step], table_shares, table_s)
-                offsets_s.append(float(np.median(measured_s - lit_s[contains_step])))
-    return np.array(offsets_s)
+                corrections_s.append(float(np.median(measured_s - lit_s[contains_step])))
+    return np.array(corrections_s)
 
 
 def _readout_variance_s2(jacobian: Floats, residual: Floats) -> float:
