@@ -5,6 +5,8 @@ import struct
 import zlib
 from typing import Any
 
+import cv2
+import numpy as np
 import numpy.typing as npt
 import tifffile
 from PIL import ExifTags, Image, TiffImagePlugin
@@ -85,6 +87,12 @@ def with_segments(jpeg: bytes, *segments: bytes, marker: int = 0xE1) -> bytes:
     """A JPEG with more application segments."""
     heads = [bytes([0xFF, marker]) + struct.pack(">H", len(each) + 2) for each in segments]
     return jpeg[:2] + b"".join(h + s for h, s in zip(heads, segments, strict=True)) + jpeg[2:]
+
+
+def encoded(suffix: str, image: Pixels, *options: int) -> bytes:
+    """A PNG, JPEG or TIFF of a grey image or of colours in R, G, B and alpha, by OpenCV."""
+    order = slice(None) if image.ndim == 2 else [2, 1, 0, 3][: image.shape[-1]]
+    return cv2.imencode(suffix, np.ascontiguousarray(image[..., order]), options)[1].tobytes()
 
 
 def tiff(image: Pixels, **options: Any) -> bytes:

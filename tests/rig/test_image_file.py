@@ -14,18 +14,12 @@ import tifffile
 
 from classify.base.errors import InputError
 from rig.image_file import read_image_file
-from tests.image_files import chunk
+from tests.image_files import chunk, encoded
 
 Pixels = npt.NDArray[Any]
 SMOOTH = cv2.GaussianBlur(
     np.random.default_rng(5).integers(0, 255, (120, 170, 3), np.uint8), (0, 0), 2.0
 )
-
-
-def encoded(suffix: str, image: Pixels = SMOOTH, *options: int) -> bytes:
-    done, content = cv2.imencode(suffix, image[:, :, ::-1] if image.ndim == 3 else image, options)
-    assert done
-    return content.tobytes()
 
 
 def refused(path: Path, content: bytes, capfd: pytest.CaptureFixture[str]) -> str:
@@ -79,7 +73,7 @@ def test_a_jpeg_with_bytes_after_its_end_is_decoded_as_by_opencv(
 def test_a_file_cut_off_anywhere_is_refused(tmp_path: Path, capfd: Any, suffix: str) -> None:
     path = tmp_path / f"a{suffix}"
     tifffile.imwrite(tmp_path / "a.tif", SMOOTH, photometric="rgb")
-    whole = path.read_bytes() if suffix == ".tif" else encoded(suffix)
+    whole = path.read_bytes() if suffix == ".tif" else encoded(suffix, SMOOTH)
     # What follows the last pixel of a TIFF is not needed.
     last = len(whole) - (0 if suffix == ".tif" else 2)
     for length in (0, 1, 8, 50, *range(100, last, max(1, last // 30)), last - 1):
@@ -99,7 +93,7 @@ def test_a_damaged_jpeg_is_refused(tmp_path: Path, capfd: Any, options: tuple[in
 
 
 def test_a_damaged_png_is_refused(tmp_path: Path, capfd: Any) -> None:
-    whole = encoded(".png")
+    whole = encoded(".png", SMOOTH)
     half = len(whole) // 2
     flipped = bytearray(whole)
     flipped[half] ^= 4
@@ -131,7 +125,7 @@ def test_a_small_file_that_declares_gigabytes_is_refused(tmp_path: Path, capfd: 
     path = tmp_path / "a.tif"
     tifffile.imwrite(path, np.zeros((9000, 9000), np.uint8), compression="zlib")
     assert "declares 81171000 bytes of pixels" in refused(path, path.read_bytes(), capfd)
-    jpeg = bytearray(encoded(".jpg"))
+    jpeg = bytearray(encoded(".jpg", SMOOTH))
     start = jpeg.index(b"\xff\xc0")  # the frame header: length, depth, rows, columns
     jpeg[start + 5 : start + 9] = struct.pack(">HH", 30_000, 30_000)
     assert "declares 2700000000 bytes" in refused(tmp_path / "a.jpg", bytes(jpeg), capfd)

@@ -22,6 +22,7 @@ from tests.image_files import (
     Pixels,
     chunk,
     dng,
+    encoded,
     exif,
     private_exif,
     raw_profile,
@@ -62,11 +63,6 @@ def upright(image: Pixels, orientation: int) -> Pixels:
 def coloured(image: Pixels) -> Pixels:
     """The image without its alpha channel."""
     return image if image.ndim == 2 else image[:, :, :3]
-
-
-def opencv(suffix: str, image: Pixels, *options: int) -> bytes:
-    order = {2: slice(None)}.get(image.ndim, [2, 1, 0, 3][: image.shape[-1]])
-    return cv2.imencode(suffix, np.ascontiguousarray(image[..., order]), options)[1].tobytes()
 
 
 def pillow(image: Any, form: str, **options: Any) -> bytes:
@@ -222,7 +218,7 @@ def pages() -> Iterator[Row]:
 
 def oriented() -> Iterator[Row]:
     grey, rgb = GREY[8], RGB[16]
-    png, jpeg = opencv(".png", grey), opencv(".jpg", SMOOTH)
+    png, jpeg = encoded(".png", grey), encoded(".jpg", SMOOTH)
     decoded = simplejpeg.decode_jpeg(jpeg, "rgb")
     raw = np.repeat(np.repeat(RNG.integers(64, 4096, (16, 24), np.uint16), 2, 0), 2, 1)
     for k in ORIENTATIONS:
@@ -344,7 +340,11 @@ def pngs_jpegs_and_tgas() -> Iterator[Row]:
         for name, image in (("grey", GREY[bits]), ("rgb", RGB[bits]), ("rgba", RGBA[bits])):
             for level in (0, 9):
                 options = (cv2.IMWRITE_PNG_COMPRESSION, level)
-                yield f"{name} {bits} {level}.png", opencv(".png", image, *options), coloured(image)
+                yield (
+                    f"{name} {bits} {level}.png",
+                    encoded(".png", image, *options),
+                    coloured(image),
+                )
     low = GREY[8] >> 7
     for bits in (1, 2, 4):
         packed = np.packbits(np.unpackbits((GREY[8] >> (8 - bits))[..., None], axis=2)[..., -bits:]
@@ -370,7 +370,7 @@ def pngs_jpegs_and_tgas() -> Iterator[Row]:
         yield f"{quality} {sampling}.jpg", content, SMOOTH
     for options in ((), (cv2.IMWRITE_JPEG_PROGRESSIVE, 1), (cv2.IMWRITE_JPEG_RST_INTERVAL, 1)):
         for name, image in (("grey", SMOOTH[:, :, 1]), ("rgb", SMOOTH)):
-            yield f"{name} {options}.jpeg", opencv(".jpeg", image, *options), image
+            yield f"{name} {options}.jpeg", encoded(".jpeg", image, *options), image
     content = pillow(Image.fromarray(SMOOTH), "JPEG", quality=95, keep_rgb=True)
     yield "stored as RGB.jpg", content, SMOOTH
     cmyk = pillow(Image.fromarray(SMOOTH).convert("CMYK"), "JPEG")

@@ -7,7 +7,6 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 import pytest
 from hypothesis import given
@@ -20,6 +19,7 @@ from rig.image_metadata import ImageMetadata, metadata_of_info
 from tests.image_files import (
     chunk,
     dng,
+    encoded,
     exif,
     private_exif,
     raw_profile,
@@ -31,7 +31,7 @@ from tests.image_files import (
 )
 
 GREY = np.random.default_rng(3).integers(1, 255, (16, 24), np.uint8)
-PNG, JPEG = (cv2.imencode(suffix, GREY)[1].tobytes() for suffix in (".png", ".jpg"))
+PNG, JPEG = encoded(".png", GREY), encoded(".jpg", GREY)
 TGA = io.BytesIO()
 Image.fromarray(GREY).save(TGA, "TGA")
 

@@ -15,7 +15,7 @@ from rig.errors import CameraError
 
 FRAMES_IN_SOCKET = 2
 """Frames that the kernel may hold for this program, if net.core.rmem_max allows so many bytes."""
-_CONTROL_TIMEOUT_S = 3.0  # a program that lists cameras has one open for less than a second
+_CONTROL_TIMEOUT_S = 3.0  # for a program that has the camera open while it lists it
 FRAME_ID_COUNT = 65_535
 """Number of frame ids of GigE Vision 1: 16 bits, of which 0 is not used."""
 
