@@ -159,7 +159,7 @@ class FormattedCameraConfig(StampedCameraConfig):
 
     @model_validator(mode="before")
     @classmethod
-    def _bits_of_the_format(cls, values: Any) -> Any:
+    def _default_bits(cls, values: Any) -> Any:
         if not isinstance(values, dict):
             return values
         default = cls.model_fields["pixel_format"].default
@@ -174,7 +174,7 @@ class FormattedCameraConfig(StampedCameraConfig):
         return name
 
     @model_validator(mode="after")
-    def _bits_are_those_of_the_format(self) -> Self:
+    def _bits_agree_with_the_format(self) -> Self:
         depth = self.formats[self.pixel_format].bit_depth
         if self.bits != depth:
             raise ValueError(
