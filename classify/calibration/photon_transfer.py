@@ -151,15 +151,15 @@ def photon_transfer(
     # first by the mean of similar blocks, then by the line.
     selected = _smoothed(means, variances) >= _MIN_VARIANCE
     for _ in range(2):
-        lit = means[selected]
-        if len(lit) < _GROUPS or np.ptp(lit) < _MIN_SPAN * highest:
+        levels_dn = means[selected]
+        if len(levels_dn) < _GROUPS or np.ptp(levels_dn) < _MIN_SPAN * highest:
             raise CalibrationRejected(
                 f"the noise has a variance of at most {variances.max(initial=0.0):.2g} in pixel "
                 f"values, where rounding hides it below {_MIN_VARIANCE:g}, or too few levels are "
                 "lit; use a camera format with more bits, or longer exposures"
             )
-        line, covariance = _fit(lit, variances[selected], freedom[selected], dark_variance)
-        error = _departure(lit, variances[selected], line)
+        line, covariance = _fit(levels_dn, variances[selected], freedom[selected], dark_variance)
+        error = _departure(levels_dn, variances[selected], line)
         selected = line[0] + line[1] * means >= _MIN_VARIANCE
     if not (line[1] > 0.0 and error <= _MAX_ERROR):
         raise CalibrationRejected(

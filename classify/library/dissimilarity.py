@@ -11,13 +11,13 @@ from scipy.spatial.distance import squareform
 from classify.base.arrays import Floats
 from classify.base.errors import InputError
 from classify.classifiers import Observation, classifier_named
-from classify.library.match import Match
-from classify.library.training import TrainingRow, observe
 from classify.methods import DEFAULT_CLASSIFIER
 from classify.surface.estimate import SurfaceEstimate
 from classify.texture.spectra import segment_for
 
+from .match import Match
 from .texture_library import TextureLibrary
+from .training import TrainingRow, observe
 
 
 def class_dissimilarities(distances: Floats, classes: Sequence[int]) -> Floats:
@@ -26,6 +26,11 @@ def class_dissimilarities(distances: Floats, classes: Sequence[int]) -> Floats:
     one_way = np.stack(
         [np.median(distances[members == index], axis=0) for index in range(distances.shape[1])]
     )
+    return _symmetric(one_way)
+
+
+def _symmetric(one_way: Floats) -> Floats:
+    """Mean of both directions of (n, n) distances; 0 from a class or set to itself."""
     symmetric: Floats = 0.5 * (one_way + one_way.T)
     np.fill_diagonal(symmetric, 0.0)
     return symmetric
@@ -57,10 +62,10 @@ def dendrogram(dissimilarities: Floats) -> Dendrogram:
     if len(dissimilarities) < 2:
         raise InputError("one class cannot be grouped; give two or more")
     tree = hierarchy.linkage(squareform(dissimilarities, checks=False), method="average")
-    drawn = hierarchy.dendrogram(tree, no_plot=True)
+    layout = hierarchy.dendrogram(tree, no_plot=True)
     # scipy places leaf n at 10 n + 5.
-    places = (np.array(drawn["icoord"]) - 5.0) / 10.0
-    return Dendrogram(drawn["leaves"], np.stack([np.array(drawn["dcoord"]), places], axis=-1))
+    places = (np.array(layout["icoord"]) - 5.0) / 10.0
+    return Dendrogram(layout["leaves"], np.stack([np.array(layout["dcoord"]), places], axis=-1))
 
 
 def embedding(set_to_class: Floats, class_to_class: Floats) -> Floats:
@@ -94,9 +99,7 @@ def texture_groups(
         signature = classifier.signature(test, library.parameters)
         distances = classifier.compare(signature, library.signatures, library.parameters).distances
         one_way[number] = [distances[labels == name].min() for name in names]
-    symmetric = 0.5 * (one_way + one_way.T)
-    np.fill_diagonal(symmetric, 0.0)
-    tree = hierarchy.linkage(squareform(symmetric), method="average")
+    tree = hierarchy.linkage(squareform(_symmetric(one_way)), method="average")
     return [int(group) for group in hierarchy.fcluster(tree, max_distance, "distance")]
 
 
@@ -124,6 +127,7 @@ def compare_textures(first: SurfaceEstimate, second: SurfaceEstimate) -> Texture
 
 
 def _match(known: SurfaceEstimate, test: SurfaceEstimate, segment_px: int) -> Match:
+    """Match a surface with a library of one other surface."""
     row = TrainingRow("known", observe(known, segment_px, DEFAULT_CLASSIFIER), 0.0)
     library = TextureLibrary.from_observations([row], segment_px, planar=known.planar)
     return library.match(library.observe(test))

@@ -14,7 +14,7 @@ from classify.methods import DEFAULT_CLASSIFIER
 
 from .match import Match
 
-# Largest number of folds of `leave_one_out`: of more sets, several are left out together.
+# Largest number of folds of `leave_one_out`; of more sets, several are left out together.
 _FOLDS = 30
 
 
@@ -167,10 +167,11 @@ def evaluate(trials: Sequence[Trial], classes: Collection[str]) -> Evaluation:
 
 def _orientation_error(trials: Iterable[Trial]) -> _OrientationError:
     """Summarise the errors of the correct trials whose orientation is known."""
-    errors = [e for trial in trials if (e := trial.orientation_error_deg) is not None]
-    if not errors:
+    errors_deg = [trial.orientation_error_deg for trial in trials]
+    known_deg = [error_deg for error_deg in errors_deg if error_deg is not None]
+    if not known_deg:
         return _OrientationError(None, None)
-    return _OrientationError(float(np.median(errors)), float(np.percentile(errors, 95)))
+    return _OrientationError(float(np.median(known_deg)), float(np.percentile(known_deg, 95)))
 
 
 def leave_one_out(

@@ -159,7 +159,7 @@ class TextureLibrary:
             raise LibraryError("nothing to train on; give at least one set")
         solved = {(surface.method, surface.planar): label for label, surface, _ in rows}
         if len(solved) > 1:
-            solvers = (f"{_solver(*solver)} ({label})" for solver, label in solved.items())
+            solvers = (f"{_solver_text(*solver)} ({label})" for solver, label in solved.items())
             raise LibraryError(f"training sets are solved {', '.join(solvers)}; solve all alike")
         method = rows[0][1].method
         segment_px = min(segment_for(surface.shape) for _, surface, _ in rows)
@@ -270,9 +270,9 @@ class TextureLibrary:
         trained = (self.method or surface.method, self.planar)
         if surface.images is not None and (surface.method, surface.planar) != trained:
             warnings.warn(
-                f"this surface was solved {_solver(surface.method, surface.planar)}, the training "
-                f"sets of the library {_solver(*trained)}; solve it alike, because textures differ "
-                "between solvers",
+                f"this surface was solved {_solver_text(surface.method, surface.planar)}, the "
+                f"training sets of the library {_solver_text(*trained)}; solve it alike, because "
+                "textures differ between solvers",
                 stacklevel=2,
             )
         return self.match_surface(surface.inscribed)
@@ -345,7 +345,7 @@ class TextureLibrary:
         return nearest_references(self.class_indices, bounds, compare)
 
 
-def _solver(method: str, planar: bool) -> str:
+def _solver_text(method: str, planar: bool) -> str:
     return f"by {method} as planar parts" if planar else f"by {method}"
 
 

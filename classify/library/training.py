@@ -119,8 +119,9 @@ def _aligned(
     comparison = classifier.compare(references[0], first[None], parameters)
     if comparison.orientations_deg is None:
         return references, 0.0
-    heading = 0.0 if comparison.heading_scores is None else float(comparison.heading_scores[0])
-    if abs(heading) < MIN_SCORE:
+    scores = comparison.heading_scores
+    score = 0.0 if scores is None else float(scores[0])
+    if abs(score) < MIN_SCORE:
         # Its orientation may be off by 180 degrees: it must not give headings.
         references = classifier.without_heading(references)
-    return references, float(comparison.orientations_deg[0]) + 180.0 * (heading < 0.0)
+    return references, float(comparison.orientations_deg[0]) + 180.0 * (score < 0.0)

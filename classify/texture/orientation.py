@@ -154,6 +154,7 @@ def agreement_by_shift(test: Complex, references: Complex) -> Floats:
 
 
 def _agreement(correlations: Floats, zeroth: Floats, energies: Floats) -> Floats:
+    """(..., n) share of the energy of the directional harmonics that agrees, of n references."""
     directional = np.maximum(energies[:, 1:].sum(axis=1), np.finfo(np.float64).tiny)
     agreed: Floats = 2.0 * (correlations - zeroth) / directional
     return agreed
