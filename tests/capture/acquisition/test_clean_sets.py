@@ -11,6 +11,7 @@ from capture.sets.light_list import load_light_list
 from classify.calibration.calibration import Calibration
 from rig import SYNTHETIC_30, Placement, RigConfig, open_rig
 from rig.scene.material_folder import bundled_materials
+from rig.simulation.scenes import _SYNTHETIC_CACHE
 
 BUTTERFLY = Path(__file__).parents[2] / "data" / "butterfly_crop"
 SURFACES = (*SYNTHETIC_30, *bundled_materials())
@@ -52,7 +53,9 @@ def test_some_clean_sets() -> None:
 
 
 @pytest.mark.slow
-def test_a_thousand_clean_sets() -> None:
+def test_a_thousand_clean_sets(monkeypatch: pytest.MonkeyPatch) -> None:
+    # Each surface is made once instead of once for each slant and bit depth.
+    monkeypatch.setattr(_SYNTHETIC_CACHE, "_limit_bytes", 1_000_000_000)
     all_rejected, total = [], 0
     print()
     for slant_deg in SLANTS_DEG:
