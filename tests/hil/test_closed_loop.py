@@ -1,15 +1,16 @@
 """Capture in the guest through kernel drivers; solve and classify on the host."""
 
 import json
-import subprocess
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from typer.testing import CliRunner
 
 from capture import CapturedSet
 from capture.calibration.ps4cal import CalibrationFile
+from capture.cli import app
 from classify import Lighting
 from rig import synthetic_surface
 from rig.scene.render import render_frame
@@ -22,7 +23,6 @@ from .checks import (
     assert_passed,
     compile_for_guest,
     names_in,
-    ps4rig,
     run_checks,
 )
 from .guest.loop_bench import (
@@ -61,9 +61,9 @@ class Loop:
 
 
 def run(*arguments: object) -> str:
-    """Run ps4rig on the host; it must succeed."""
-    done = subprocess.run(ps4rig(*arguments), capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    """Run ps4rig on the host, in this process; it must succeed."""
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    assert done.exit_code == 0, done.stderr
     return done.stdout
 
 
