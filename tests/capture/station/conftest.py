@@ -1,5 +1,8 @@
 """A station that was taught rock as good and sand as bad, with its challenge set."""
 
+import fcntl
+import os
+import pickle
 import shutil
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,7 +40,19 @@ def captured() -> CapturedSet:
 @pytest.fixture(scope="session")
 def taught(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Teaching]:
     """The folder of a taught station, not to be changed, and the outcome of teaching."""
-    sets = tmp_path_factory.mktemp("taught")
+    sets = tmp_path_factory.getbasetemp()
+    if "PYTEST_XDIST_WORKER" in os.environ:
+        sets = sets.parent  # the workers share the station, which takes 6 s to make
+    outcome = sets / "taught"
+    with (sets / "taught.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not outcome.exists():
+            outcome.write_bytes(pickle.dumps(_taught(sets / "to_teach")))
+    taught: tuple[Path, Teaching] = pickle.loads(outcome.read_bytes())
+    return taught
+
+
+def _taught(sets: Path) -> tuple[Path, Teaching]:
     folder = sets / "station"
     make_station(folder)
     files = StationFolder(folder).recipe_files()
