@@ -9,6 +9,7 @@ claimed, and how many of the spheres were refused. --quick renders a quarter of 
 import argparse
 import sys
 from collections.abc import Sequence
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -38,11 +39,19 @@ def picture(background: Background, seed: int) -> Picture:
     )  # fmt: skip
 
 
+@lru_cache(SPHERES)
+def _rendered(
+    kind: SphereKind, background: Background, seed: int
+) -> tuple[Picture, np.ndarray, np.ndarray]:
+    """A picture with its images and mask, for the rows with and without the mask."""
+    scene = picture(background, seed)
+    return scene, *scene.images(kind)
+
+
 def _are_met(kind: SphereKind, background: Background, is_masked: bool, spheres: int) -> bool:
     errors, claims, refused = [], [], 0
     for seed in range(spheres):
-        scene = picture(background, seed + 1000)
-        images, mask = scene.images(kind)
+        scene, images, mask = _rendered(kind, background, seed + 1000)
         given = SphereImages(images, 255.0, None, mask if is_masked else None)
         try:
             lights = lights_from_spheres([given], kind).lights
