@@ -6,8 +6,8 @@
         rig.lights.select(0)                  # LED 0 alone -> Switch, with its time
         rig.camera.read(timeout_s=1.0)        # the oldest frame in the queue -> Frame
 
-The drivers are the same for a simulated rig: below them the real firmware answers on a pty, and
-frames come from a simulated queue. Nothing here knows of classification, sessions or stations.
+The drivers are the same for a simulated rig: below them the real firmware answers on a TCP port,
+and frames come from a simulated queue. Nothing here knows of classification, sessions or stations.
 """
 
 import lazy_loader

@@ -21,7 +21,7 @@ from firmware_sim.firmware import (
 )
 
 SIMULATED = "simulated"
-"""Value of `port` for the simulated controller: the firmware on a pty of this machine."""
+"""Value of `port` for the simulated controller: the firmware on a TCP port of this machine."""
 AUTO = "auto"
 """Value of `port` for a controller that is searched for."""
 _Intensity = Annotated[float, Field(ge=0.01, le=100.0)]

@@ -1,4 +1,4 @@
-"""The simulated rig below the drivers: firmware on a pty, LEDs, part, camera."""
+"""The simulated rig below the drivers: firmware on a TCP port, LEDs, part, camera."""
 
 from collections.abc import Callable
 
@@ -10,7 +10,7 @@ from firmware_sim import (
     SimulatedBoard,
     SimulatedController,
     VirtualClock,
-    serve_local,
+    serve_tcp,
 )
 from firmware_sim.board import Led
 from firmware_sim.faults import FaultyLine, faulty_leds
@@ -50,7 +50,7 @@ class Simulation:
         Address at which the light controller's firmware answers.
     ports
         List that holds `port`, for discovery; empty while the controller is unplugged, because the
-        system may give its name to the pty of another program.
+        system may give its number to another program.
     controller
         The firmware, with the configured faults of its line.
     board
@@ -64,7 +64,7 @@ class Simulation:
     """
 
     def __init__(
-        self, config: RigConfig, serve: Callable[[SimulatedController], Server] = serve_local
+        self, config: RigConfig, serve: Callable[[SimulatedController], Server] = serve_tcp
     ) -> None:
         self._config = config
         self._serve = serve

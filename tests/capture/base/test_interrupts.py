@@ -73,12 +73,12 @@ def handles_sigterm(pid: int) -> bool:
 
 
 def has_opened_lights(pid: int) -> bool:
-    """Whether the process has opened the slave side of a pseudo-terminal, the simulated port."""
+    """Whether the process has both ends of the line to its simulated controller, and its port."""
+    sockets = 0
     for link in Path(f"/proc/{pid}/fd").iterdir():
         with suppress(OSError):  # closed since
-            if str(link.readlink()).removeprefix("/dev/pts/").isdigit():
-                return True
-    return False
+            sockets += str(link.readlink()).startswith("socket:")
+    return sockets == 3
 
 
 @pytest.mark.slow
