@@ -157,6 +157,7 @@ def _init_script(command: Sequence[str], modules: Mapping[str, str]) -> str:
 b=/bin/busybox
 $b mount -t devtmpfs dev /dev
 $b mount -t proc proc /proc
+$b ifconfig lo 127.0.0.1
 for module in $($b ls /modules); do
     options=
     case $module in
