@@ -192,11 +192,8 @@ def known_levels(checks: ChecksRecord | None) -> tuple[float, ...] | None:
 
 def measured_levels(checks: ChecksRecord) -> tuple[float, ...] | None:
     """LED levels by which the light images must be corrected; None if they need no correction."""
-    levels, error = checks.light_levels, checks.light_levels_error
-    if levels is None or error is None:
-        return None
-    limit = acceptance.led_level_limit(error)
-    return levels if any(abs(level - 1.0) > limit for level in levels) else None
+    levels, limit = known_levels(checks), acceptance.MAX_LED_LEVEL_DIFFERENCE
+    return levels if any(abs(level - 1.0) > limit for level in levels or ()) else None
 
 
 def _weak_leds(

@@ -153,8 +153,7 @@ def _fitted(
     boards: Sequence[Floats], board: Floats, frame: tuple[int, int]
 ) -> tuple[_Fit, Floats, float | None]:
     """Fit the lens with as many values as are significant; also its matrix and focal error."""
-    camera, focal_error = _measured_camera(boards, board, frame)
-    fit = _Fit.of(boards, board, frame, camera, cv2.CALIB_FIX_FOCAL_LENGTH + _FIX_DISTORTION)
+    fit, camera, focal_error = _fitted_without_distortion(boards, board, frame)
     # Distortion would explain a part of a tilt that a wrong focal length leaves. Its significance
     # is therefore tested between fits with a free focal length.
     free_fit = _Fit.of(boards, board, frame, camera, _FIX_DISTORTION)
@@ -173,18 +172,19 @@ def _fitted(
     return fit, camera, focal_error
 
 
-def _measured_camera(
+def _fitted_without_distortion(
     boards: Sequence[Floats], board: Floats, frame: tuple[int, int]
-) -> tuple[Floats, float | None]:
-    """Camera matrix and relative error of its focal length; None if that is the nominal one."""
+) -> tuple[_Fit, Floats, float | None]:
+    """Fit, camera matrix, relative error of its focal length; None if that is the nominal one."""
     camera = nominal_camera_matrix(frame)
-    fit = _Fit.of(boards, board, frame, camera, cv2.CALIB_FIX_FOCAL_LENGTH + _FIX_DISTORTION)
+    fixed = cv2.CALIB_FIX_FOCAL_LENGTH + _FIX_DISTORTION
+    fit = _Fit.of(boards, board, frame, camera, fixed)
     if np.count_nonzero(fit.tilts_deg > _MAX_FLAT_DEG) >= _MIN_TILTED:
         free = _Fit.of(boards, board, frame, camera, 0)
         if free.focal_px < 100.0 * max(frame) and free.focal_error <= _MAX_FOCAL_ERROR:
             camera[0, 0] = camera[1, 1] = free.focal_px
-            return camera, free.focal_error
-    return camera, None
+            return _Fit.of(boards, board, frame, camera, fixed), camera, free.focal_error
+    return fit, camera, None
 
 
 @dataclass(frozen=True, eq=False)

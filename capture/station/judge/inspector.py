@@ -182,8 +182,10 @@ class Inspector:
         Exceptions are not caught here: `PartJudge` gives the verdict ERROR for them.
         """
         started = self._started
-        is_started = started is not None and started.has_images_of(captured)
-        part = started.measured() if started and is_started else self._measured(captured)
+        if started is not None and started.has_images_of(captured):
+            part = started.measured()
+        else:
+            part = self._measured(captured)
         known = known_levels(captured.metadata.checks)
         ratios = self._signal_ratios(part, known)
         measures = part.measures
@@ -196,13 +198,13 @@ class Inspector:
             least = min(texture.least_led_level for texture in textures)
             measures = replace(measures, least_led_level=least)
         return Inspection(
-            verdict_of(self.recipe, measures, part.faults),
-            measures,
-            part.defect_map,
-            part.defects,
-            ratios,
-            part.timings_ms,
-            self.recipe.orientation,
+            verdict=verdict_of(self.recipe, measures, part.faults),
+            measures=measures,
+            defect_map=part.defect_map,
+            defects=part.defects,
+            light_signal_ratios=ratios,
+            timings_ms=part.timings_ms,
+            orientation_rule=self.recipe.orientation,
         )
 
     @property

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from statistics import NormalDist
 
-from capture.station.judge.judge import STOP_LED_LEVEL
+from capture.station.judge.judge import STOP_LED_LEVEL, relative_levels
 from capture.station.results.part_result import PartResult
 from capture.station.results.statistics import ChartedPart
 from capture.station.run.events import PartAnnounced, RecipeLoaded, Warned
@@ -174,7 +174,7 @@ class ControlChart:
 def _relative_levels(group: Sequence[Sequence[float]]) -> list[float]:
     """Return the mean level of each LED over some parts, as a share of the brightest."""
     means = [statistics.fmean(levels) for levels in zip(*group, strict=True)]
-    return [mean / max(means) for mean in means]
+    return relative_levels(means)
 
 
 def _mean_log_distance(distances: Iterable[float]) -> float:
